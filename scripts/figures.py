@@ -81,10 +81,12 @@ def pages() -> list[Path]:
     """README.md, the pages of docs/ that are written by hand, and what they include.
 
     Not firmware/README.md, whose numbers are pins, voltages and baud rates of its boards, and not
-    docs/reference, which `scripts/reference.py` writes.
+    docs/reference, which `scripts/reference.py` writes; nor docs/howto/motors.md, whose numbers are
+    voltages, addresses and baud rates of makers' parts.
     """
     docs = sorted((ROOT / "docs").rglob("*.md"))
     foreign = {ROOT / "docs" / "demo", ROOT / "docs" / "reference"}  # npm installs into the first
+    docs.remove(ROOT / "docs" / "howto" / "motors.md")
     own = [p for p in docs if p.name != "report.md" and not foreign & set(p.parents)]
     included = [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "models").glob("*.md"))]
     return [ROOT / "README.md", *own, *included]

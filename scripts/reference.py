@@ -27,7 +27,7 @@ from softrobot_env.core.files import write_text
 from softrobot_env.core.records import Entry, keys
 from softrobot_env.envs.observations.table import OBSERVABLES, known_of
 from softrobot_env.envs.options import REAL_OPTIONS, RESET_OPTIONS, SIMULATED_OPTIONS
-from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.envs.real import RealEnv
 from softrobot_env.envs.rewards import REWARDS, GripReward
 from softrobot_env.envs.simulation.grippers import KNOWN
 from softrobot_env.robots.file import GRIPPER_TABLES, TABLES
@@ -229,6 +229,7 @@ ABOUT = {
     "SoftRobot/RigCircle-v0": "The tip of the spatial test rig follows a circle.",
     "SoftRobot/RigReach-v0": "The tip of the spatial test rig goes to random target points, new "
     "ones in every episode unless `seed` is given.",
+    "SoftRobot/Real-v0": "A real robot whose file says its hardware, or a virtual one.",
     "SoftRobot/RealRig-v0": "The real test rig, or a virtual one, over a serial line.",
     "SoftRobot/Track-v0": "The tip of any robot follows a path in its workspace. Here with "
     '`robot="hanging_trunk"`; shapes and bounds follow from the robot.',
@@ -430,20 +431,25 @@ def reset_options(names: Iterable[str]) -> list[tuple[str, str]]:
     return [(f"`{name}`", RESET_OPTIONS[name].text) for name in names]
 
 
-def real_rig() -> str:
-    """The page of the rig over a serial line, of which nothing can be asked without a robot."""
-    said = "What differs" + inspect.getdoc(RealRigEnv).partition("What differs")[2]
+def real(env_id: str) -> str:
+    """The page of a real robot, of which nothing can be asked without one."""
+    said = "What differs" + inspect.getdoc(RealEnv).partition("What differs")[2]
     said = said.partition("Attributes:")[0]
     parts = [
-        "# RealRig-v0",
-        ABOUT["SoftRobot/RealRig-v0"],
-        "Actions, observations, rewards and tasks are those of [RigTriangle](RigTriangle.md); "
-        "[the real rig](../../howto/hardware.md) says how to start it, also without hardware.",
+        f"# {env_id.partition('/')[2]}",
+        ABOUT[env_id],
+        "Actions, observations, rewards and tasks are those of "
+        + (
+            "[RigTriangle](RigTriangle.md); [the real rig](../../howto/hardware.md)"
+            if "RealRig" in env_id
+            else "[Track](Track.md) for a robot driven by length; [motors](../../howto/motors.md)"
+        )
+        + " says how to start it, also without hardware.",
         said.strip(),
         "## Options of reset",
         table("option | meaning", reset_options(REAL_OPTIONS)),
     ]
-    return page(parts, "the docstring of `RealRigEnv`")
+    return page(parts, "the docstring of `RealEnv`")
 
 
 def overview() -> str:
@@ -467,7 +473,7 @@ def pages() -> dict[Path, str]:
     """Every page and its text."""
     made = {"robot_file.md": robot_file(), "environments.md": overview()}
     for env_id in ABOUT:
-        text = real_rig() if "RealRig" in env_id else environment(env_id)
+        text = real(env_id) if "Real" in env_id else environment(env_id)
         made[f"environments/{short(env_id)}.md"] = text
     return {REFERENCE / name: text for name, text in made.items()}
 
@@ -479,7 +485,7 @@ def draw() -> None:
     folder = ROOT / "docs" / "pictures" / "environments"
     folder.mkdir(parents=True, exist_ok=True)
     for env_id in ABOUT:
-        if "RealRig" in env_id:
+        if "Real" in env_id:
             continue
         options = SHOWN.get(env_id, {}) | {"render_mode": "rgb_array", "width": 320, "height": 240}
         env = gymnasium.make(env_id, **options)

@@ -9,6 +9,9 @@ from softrobot_env.core.registry import ENVIRONMENT_GROUP, load_plugins, served
 #: Environment id -> name of its task: of any robot, by the arguments `robot` and `task`,
 ANY_ROBOT = {"SoftRobot/Track-v0": "circle"}
 
+#: of any robot whose file says what drives the real one,
+REAL = {"SoftRobot/Real-v0": "reach"}
+
 #: and of a gripper.
 GRIPPER_ENVIRONMENTS = {
     "SoftRobot/GripperEnclose-v0": "enclose",
@@ -21,6 +24,9 @@ __getattr__ = served(__name__)
 def register_envs() -> None:
     """Register every environment with Gymnasium; calling it again changes nothing."""
     register_tracking(ANY_ROBOT)
+    register_environments(
+        REAL, entry_point="softrobot_env.envs.real:RealEnv", nondeterministic=True
+    )
     register_environments(
         GRIPPER_ENVIRONMENTS,
         entry_point="softrobot_env.envs.gripper:GripperEnv",

@@ -16,6 +16,7 @@ STUDIES = {
     "files": "Random robot files that say no pieces: error at rest, and what is told of it",
     "first_use": "The first minute: what the first commands take with an empty cache, and say",
     "gripper": "The gripper: its grips, what it encloses, holds under pulls, and what they cost",
+    "hardware": "Kinds of real hardware, emulated: safety, missed steps, and the error simulated",
     "identify": "Identification of robots of another model class, with hidden truths",
     "intervals": "Whether the intervals of an identification hold a recording that was kept back",
     "laws": "Every law on every robot, on generic paths at shares of the robot's first frequency",

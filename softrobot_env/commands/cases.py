@@ -31,7 +31,8 @@ from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case, acts_on_identified
-from softrobot_env.hardware.robot_file import RobotFile
+from softrobot_env.hardware.interface import HardwareFile
+from softrobot_env.hardware.registry import hardware_of
 from softrobot_env.hardware.transport import Transport
 from softrobot_env.robots import (
     ENTRIES,
@@ -310,12 +311,14 @@ _SIMULATED |= {name: None for name in SCENE if name != "control_period"}
 
 
 class RealSetup(Setup):
-    """A rig over a serial line; tasks of other robots are simulated."""
+    """A real robot, the rig unless another is given; tasks of other robots are simulated."""
 
     def __init__(self, args: Namespace) -> None:
         """Arguments of `softrobot evaluate`."""
         super().__init__(args)
-        self.plant, self._own = args.env, default_robot(on_a_line=True)
+        self.plant = args.env
+        self._own = self.robot or default_robot(on_a_line=True)
+        self._rig = entry_of(self._own).on_a_line
 
     def twins(self, robot: RobotParams) -> list[int | None]:
         """Seeds for virtual robots; a real one is what it is."""
@@ -329,13 +332,14 @@ class RealSetup(Setup):
     def check(self, cases: list[Case]) -> None:
         """Refuse what belongs to a virtual robot or to none, and unfit references."""
         args = self._args
+        self._make()
         if not any(case.task.robot == self._own for case in cases):
             raise ValueError(f"--env {self.plant}: only with tasks of the {self._own.name}")
         if self.plant == REAL and args.twin is not None:
             raise ValueError("--twin: only with simulated and virtual robots")
         if self.plant == VIRTUAL and (args.robot_file is not None or args.port is not None):
             raise ValueError("--robot-file, --port: only with --env real")
-        if self.plant == VIRTUAL and None in self.twins(self._own):
+        if self.plant == VIRTUAL and self._rig and None in self.twins(self._own):
             raise ValueError("--twin none: only with simulated robots")
         foreign = [f"--{name}" for name, usual in _SIMULATED.items() if vars(args)[name] != usual]
         if foreign:
@@ -346,17 +350,23 @@ class RealSetup(Setup):
         """Environment for a case; its `close` ends a virtual robot's process."""
         if case.task.robot != self._own:
             return super().environment(case, **drawing)
-        from softrobot_env.envs.real import RealRigEnv  # asks for plug-ins
-
-        from .robot.virtual import VirtualRigEnv
-
+        make = self._make()
         options = {"observe": "all", **case.scene}
         if self.plant == VIRTUAL:
-            return VirtualRigEnv(case.task, case.twin, partial(self._line, case), **options)
-        file = robot_of(self._args)
-        return RealRigEnv(case.task, robot_file=file, line=self._line(case, file), **options)
+            return make(case.task, case.twin, partial(self._line, case), **options)
+        if self._args.robot_file is None and self._own.hardware is not None:
+            file = hardware_of(self._own, self._args.port)
+        else:
+            file = robot_of(self._args)
+        return make(case.task, robot_file=file, line=self._line(case, file), **options)
 
-    def _line(self, case: Case, file: RobotFile) -> Callable[[], Transport]:
+    def _make(self) -> Callable[..., gymnasium.Env]:
+        """What makes the robot's environment; ValueError if nothing says what drives it."""
+        from .robot.virtual import real_env  # asks for plug-ins
+
+        return real_env(self._own, self.plant == VIRTUAL)
+
+    def _line(self, case: Case, file: HardwareFile) -> Callable[[], Transport]:
         """Opens the way to a robot, recorded where that is wanted."""
         folder = self._args.record
         return lambda: opened(file, None if folder is None else _free_name(folder, case))
@@ -385,8 +395,6 @@ def make_setup(args: Namespace) -> Setup:
         if given := flags(args, ("robot_file", "port")):
             raise ValueError(f"{given}: only with --env real or virtual")
         return Setup(args)
-    if args.robot is not None:
-        raise ValueError(f"--robot: only with simulated robots, --env {args.env} has its rig")
     return RealSetup(args)
 
 

@@ -41,7 +41,7 @@ DEFAULT_PERIOD = 0.01
 AUTORESET_MODES = tuple(mode.value for mode in AutoresetMode)
 
 #: What environments take: all but the gripper's, simulated ones, those with pictures, many at once,
-#: many robots, the real rig, and grippers.
+#: many robots, the real rig, any real robot, and grippers.
 TRACKING = ("task", "control_period", "observe", "preview", "lead", "observe_as", "act_as")
 TRACKING += ("reward",)
 CHAIN = ("pieces", "rule", "timestep", "integrator", "accuracy")
@@ -50,6 +50,7 @@ PICTURES = ("render_mode", "width", "height")
 MANY = ("num_envs", "threads", "backend", "autoreset_mode", "render_mode")
 VECTOR = (*SIMULATED, *MANY, "device", "max_episode_steps")
 REAL = (*TRACKING, "port", "robot_file", "line", "tip", "max_missed", "oldest")
+REAL_ROBOT = (*REAL, "robot")
 GRIPPER = ("task", "control_period", "observe", "observe_as", "reward", "gripper", "fineness")
 GRIPPER += ("pieces", "timestep", "backend")
 
@@ -103,9 +104,9 @@ class EnvConfig:
             timesteps, and bends err by 1 degree on average, "rule" is as the rule for contacts has
             it, and 50 times slower (`softrobot benchmark gripper`).
         port: Serial port instead of the robot file's.
-        robot_file: Calibration and limits, or the path of its TOML file; the default one of the rig
-            unless given.
-        line: Opens the way to the microcontroller, instead of the serial port.
+        robot_file: Calibration and limits of a board, or the path of its TOML file, or of motors;
+            the table `[hardware]` of the robot's file unless given, of the rig its default.
+        line: Opens the way to the hardware, instead of the serial port.
         tip: Measures the tip (`hardware.tip.TipSource`), instead of what the robot file names.
         max_missed: Control periods that may be missed in an episode.
         oldest: [s], oldest measurement that is still good.

@@ -1,6 +1,6 @@
-"""Tip tracking with the real test rig over a serial line; the contract of `RigEnv`.
+"""Tip tracking with a real robot; the contract of `TrackingEnv`.
 
-And the rig as the environment uses it: microcontroller and tip source, what measurements of the tip
+And the robot as the environment uses it: its hardware and tip source, what measurements of the tip
 say, and whether it has settled.
 """
 
@@ -8,7 +8,6 @@ import os
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 from math import dist, floor, hypot, inf, nan
 from pathlib import Path
 from threading import Thread, current_thread, main_thread
@@ -22,35 +21,36 @@ from numpy import ndarray
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument, shown
-from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import (
+    FaultInfo,
     LinkError,
     RefusedError,
     RobotError,
     RobotFaultError,
-    UnansweredError,
 )
-from softrobot_env.hardware.protocol.messages import Capability, Fault
-from softrobot_env.hardware.protocol.unit_conversion import FaultInfo
-from softrobot_env.hardware.robot_file import RobotFile, read_robot_file, rig_file
+from softrobot_env.hardware.interface import Hardware, HardwareFile
+from softrobot_env.hardware.motor_file import MotorFile
+from softrobot_env.hardware.protocol.messages import Fault
+from softrobot_env.hardware.registry import find_hardware, hardware_of, open_hardware, with_port
+from softrobot_env.hardware.robot_file import RobotFile, rig_file
 from softrobot_env.hardware.tip import TipMeasurement, TipSource, make_tip_source
 from softrobot_env.hardware.transport import SerialTransport, Transport
-from softrobot_env.robots import LENGTH_SCALE, usual_task
+from softrobot_env.robots import LENGTH_SCALE, entry_of, usual_task
 from softrobot_env.scene.config import DEFAULT_RULE
 from softrobot_env.scene.quadrature import place_hinges
 from softrobot_env.scene.registry import RIG_PIECES
-from softrobot_env.tasks import RIG_TASKS, Task
+from softrobot_env.tasks import Task
 
-from .config import REAL, EnvConfig
+from .config import REAL, REAL_ROBOT, EnvConfig
 from .observations.table import EVERY, OBSERVABLES, Sizes, Sources, each_of, reads, speed_limit
 from .options import REAL_OPTIONS, ResetOptions, one_action, parse_options
 from .parts import EnvParts, EpisodeSpec, make_env_task, with_room
 from .reference import ReferenceTable
 
-#: Needs a board that measures forces.
+#: Needs hardware that measures forces.
 TENSION = "tendon_tension"
 
-#: What a rig can measure.
+#: What real robots can measure.
 _SEEN = tuple(name for name in EVERY if not name.startswith(("curvature", "motor_force", "anchor")))
 
 
@@ -91,21 +91,22 @@ class StepClock:
 
 
 class RealParts(EnvParts):
-    """The test rig over a serial line.
+    """A real robot.
 
     Attributes:
-        file: The robot file.
+        file: What is known of its hardware.
         reach: Box of the tip positions that lie within reach.
         speed: [m/s], limit of the tip's speed.
     """
 
     def __init__(self, config: EnvConfig) -> None:
-        check_argument("robot_file", config.robot_file, str | Path | RobotFile | None)
+        kinds = str | Path | RobotFile | MotorFile | None
+        check_argument("robot_file", config.robot_file, kinds)
         task = make_env_task(config)
-        if task.axes != "xy" or task.robot.drive.kind != "length":
+        if task.robot.drive.kind != "length":
             raise ValueError(
-                f"the real rig is driven by length and its camera sees x and y, unlike task "
-                f"{task.label!r} of robot {task.robot.name!r}; choose from {', '.join(RIG_TASKS)}"
+                f"real robots wind their tendons: robot {task.robot.name!r} needs drive = "
+                f'"length" in its file, it is driven by {task.robot.drive.kind}'
             )
         if any(task.start_input):
             raise ValueError(f"task {task.label!r} does not start with all tendons at length zero")
@@ -127,28 +128,51 @@ class RealParts(EnvParts):
         """See `EnvParts`."""
         return parse_options(options, REAL_OPTIONS)
 
+    def placed(self, sight: TipMeasurement) -> TipMeasurement:
+        """A measurement with the coordinates (d,) [m] that the task names.
 
-def _choose_file(config: EnvConfig, task: Task) -> RobotFile:
-    """The robot file, read if it is a path, with another port if one is given.
+        Raises:
+            StaleError: The tip source measures too few.
+        """
+        if len(sight.position) == len(self.reach.low):
+            return sight
+        if len(sight.position) < 3:
+            raise StaleError(
+                f"the tip source measures {len(sight.position)} coordinates, task "
+                f"{self.task.label!r} needs {self.task.axes}"
+            )
+        return sight._replace(position=sight.position[self.axes])
+
+
+def _choose_file(config: EnvConfig, task: Task) -> HardwareFile:
+    """What is known of the hardware: given, of the robot's file, or of the rig's default.
 
     Raises:
-        ValueError: What the file must not say, or another number of tendons than the task's.
+        ValueError: What a file must not say, another number of tendons than the task's, or no file
+            says anything.
         FileNotFoundError: No such file.
     """
-    given, port = config.robot_file, config.port
+    given, robot = config.robot_file, task.robot
+    if isinstance(given, str | Path):
+        given = find_hardware(Path(given))
+    if given is None and robot.hardware is not None:
+        given = hardware_of(robot)
     if given is None:
-        file = rig_file()
-    else:
-        file = given if isinstance(given, RobotFile) else read_robot_file(Path(given))
-    tendons = len(task.robot.tendons)
-    if len(file.tendons) != tendons:
+        if not entry_of(robot).on_a_line:
+            raise ValueError(
+                f"nothing says how the real robot {robot.name!r} is driven: add a table "
+                "[hardware] to its file (docs/howto/motors.md), or give robot_file"
+            )
+        given = rig_file()
+    if len(given.tendons) != len(robot.tendons):
         raise ValueError(
-            f"robot {file.name!r} has {len(file.tendons)} tendons, the task's robot {tendons}"
+            f"robot {given.name!r} has {len(given.tendons)} tendons, the task's robot "
+            f"{len(robot.tendons)}"
         )
-    return file if port is None else replace(file, port=port)
+    return with_port(given, config.port)
 
 
-def _check_period(file: RobotFile, control_period: float) -> None:
+def _check_period(file: HardwareFile, control_period: float) -> None:
     """Raise ValueError for a control period [s] that does not fit to a robot file.
 
     It must be longer than what the board waits to answer, and leave the watchdog some patience.
@@ -165,18 +189,19 @@ def _check_period(file: RobotFile, control_period: float) -> None:
         )
 
 
-class RealRigEnv(gymnasium.Env[Seen, ndarray]):
-    """Move the tip of the real rig along a reference in x and y, in real time.
+class RealEnv(gymnasium.Env[Seen, ndarray]):
+    """Move the tip of a real robot along a reference, in real time.
 
-    Actions, observations, rewards and tasks are those of `RigEnv`, so that a policy made for the
-    simulated rig runs here unchanged. A step takes one control period by the clock: the action
-    goes out at once, the observation is taken at the period's end.
+    Actions, observations, rewards and tasks are those of `TrackingEnv` for a robot driven by length
+    (of the rig `RigEnv`), so that a policy made for the simulated robot runs here unchanged. A step
+    takes one control period by the clock: the action goes out at once, the observation is taken at
+    the period's end.
 
     What differs, because this is no simulation:
 
-    * The rig begins where it is, at rest with tendons pretensioned; `reset` waits until the tip
+    * The robot begins where it is, at rest with tendons pretensioned; `reset` waits until the tip
       stands still, and the clock starts with the first step. From then on a pause longer than the
-      watchdog of the robot file stops the rig.
+      watchdog of the robot file stops the robot.
     * `tip_position` is the newest measurement, some milliseconds old: `info["tip_age"]` [s];
       `info["tip_refused"]` counts what came to its source and said nothing.
       `info["error"]` is its distance to the reference of its own time.
@@ -186,27 +211,27 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
       `info["applied_action"]` what the servos were driven to.
     * `info` also holds `lateness_s` of the call, `rtt_s` from the set-point to its answer (NaN if
       there was none in its period; less than `state_delay` where a measurement was due anyway),
-      `obs_age_s` of what the microcontroller measured, `device_state`, counters of the link
+      `obs_age_s` of what the hardware measured, `device_state`, counters of the link
       (`link_crc_errors`, ...) and `fault` (a text, or empty).
     * A fault ends the episode, with its text in `info["failure"]` and the last valid observation:
       `terminated` where a tendon pulled too hard (a limit that simulations have too), else
-      `truncated`. The microcontroller ramps down by itself. After it `step` and `reset` raise
-      `RobotFaultError`, until `reset(options={"clear_fault": True})`, which also opens a lost line
-      anew and configures a microcontroller that started again.
-    * At the end of an episode, in `close` and at the program's exit the rig is ramped down.
+      `truncated`. A microcontroller ramps down by itself, motors are ramped down by this program.
+      After it `step` and `reset` raise `RobotFaultError`, until
+      `reset(options={"clear_fault": True})`, which also opens a lost line anew and configures what
+      started again.
+    * At the end of an episode, in `close` and at the program's exit the robot is ramped down.
       Any exception in the middle of a step is an emergency stop.
 
     Attributes:
-        task, control_period, length_scale, vector_layout, reading: As in `RigEnv`.
+        task, control_period, vector_layout, reading: As in `TrackingEnv`.
         source: "real", for records of episodes.
     """
 
     metadata: ClassVar = {"render_modes": []}
     spec = EpisodeSpec()
-    length_scale = LENGTH_SCALE
     source = "real"
 
-    takes: ClassVar = REAL
+    takes: ClassVar = REAL_ROBOT
     usual: ClassVar = {"control_period": None}
 
     def __init__(self, task: str | Task | None = None, **options: Any) -> None:
@@ -215,7 +240,7 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
         Args:
             task: A task or its name; only tasks that start at rest. The robot's usual one unless
                 given.
-            **options: Those that `RealRigEnv.takes` names, see `config.EnvConfig`, and of a task
+            **options: Those that `takes` names, see `config.EnvConfig`, and of a task
                 given by name its own.
 
         Raises:
@@ -241,7 +266,7 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
-        """Bring the rig to rest and begin an episode; the first step starts the clock.
+        """Bring the robot to rest and begin an episode; the first step starts the clock.
 
         Args:
             seed: Of `np_random`, which nothing is sampled from.
@@ -250,7 +275,7 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
         Raises:
             ValueError: A bad option; the message names what is allowed.
             RobotFaultError: A fault is latched and not to be cleared.
-            RobotError: The robot or the tip source does not answer, or the rig does not come to
+            RobotError: The robot or the tip source does not answer, or the tip does not come to
                 rest.
         """
         self._session.check_process()
@@ -261,9 +286,10 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
         if self._fault is not None and not parsed.clear_fault:
             raise RobotFaultError(self._fault)
         self._session.prepare(parsed.clear_fault)
-        if TENSION in self._parts.observed.spaces and not self._measures_forces():
+        measures = self._session.driver.measures_force
+        if TENSION in self._parts.observed.spaces and not measures:
             raise RobotError(
-                "the board measures no forces: leave out the observable tendon_tension"
+                "the robot measures no forces: leave out the observable tendon_tension"
             )
         self._begin(reference)
         return self._observe(), self._info(self._reward.none, monotonic())
@@ -275,7 +301,8 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
         self._fault, self._started, self._limited = None, False, False
         self._lateness, self._round_trip = 0.0, None
         parts = self._parts
-        self._tip = TipFilter(self._session.sight(), parts.reach, parts.speed)
+        first = parts.placed(self._session.sight())
+        self._tip = TipFilter(first, parts.reach, parts.speed)
         self._running = True
 
     def step(self, action: ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
@@ -319,7 +346,7 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
                 f"missed {self._missed} steps of {1e3 * self.control_period:g} ms, allowed are "
                 f"{self.config.max_missed}"
             )
-        wanted = self.length_scale * np.array(values)
+        wanted = self.input_scale * np.array(values)
         self._limited, self._round_trip = self._session.command(wanted, self._clock.deadline)
         self._clock.finish()
         now = monotonic()
@@ -342,17 +369,14 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
             StaleError: One is older than allowed, or the tip is out of reach.
         """
         sight, reading = self._session.sight(), self._session.driver.reading
-        ages = {"the tip source": now - sight.time, "the microcontroller": reading.age(now)}
+        ages = {"the tip source": now - sight.time, self._session.whose: reading.age(now)}
         for whose, age in ages.items():
             if age > self.config.oldest:
                 raise StaleError(
                     f"the last measurement of {whose} is {1e3 * age:.0f} ms old, allowed are "
                     f"{1e3 * self.config.oldest:.0f} ms"
                 )
-        self._tip.add(sight)
-
-    def _measures_forces(self) -> bool:
-        return Capability.FORCE in self._session.driver.info.capabilities
+        self._tip.add(self._parts.placed(sight))
 
     def _observe(self) -> Seen:
         # Made anew: kept, they would keep an environment alive that nobody else refers to.
@@ -373,8 +397,8 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
 
     def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
         reading = self._session.driver.reading
-        force = reading.force if self._measures_forces() else np.full_like(reading.force, nan)
-        link = self._session.driver.link
+        driver, link = self._session.driver, self._session.driver.link
+        force = reading.force if driver.measures_force else np.full_like(reading.force, nan)
         link = link | {"nacks": sum(link["nacks"].values())}
         numbers = {
             "time": self._index * self.control_period,
@@ -391,7 +415,7 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
         return {name: np.float64(number) for name, number in numbers.items()} | {
             "tendon_tension": force.copy(),
             "tendon_length": reading.length.copy(),
-            "applied_action": reading.applied / self.length_scale,
+            "applied_action": reading.applied / self.input_scale,
             "limited": self._limited,
             "device_state": reading.state.name.lower(),
             "fault": "" if self._fault is None else self._fault.text,
@@ -411,13 +435,25 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
         return last, reward, terminated, not terminated, info
 
     def close(self) -> None:
-        """Ramp the rig down and close the port; closing twice is harmless."""
+        """Ramp the robot down and close the port; closing twice is harmless."""
         self._running = False
         self._session.close()
 
 
+class RealRigEnv(RealEnv):
+    """`RealEnv` of the test rig over a serial line: the contract of `RigEnv`.
+
+    Attributes:
+        length_scale: [m], pulled in by a full-scale action.
+    """
+
+    length_scale = LENGTH_SCALE
+
+    takes: ClassVar = REAL
+
+
 class _Measured:
-    """What is measured of the rig; see `observations.table.Measured`."""
+    """What is measured of the robot; see `observations.table.Measured`."""
 
     def __init__(self, session: "RealSession", tip: "TipFilter") -> None:
         self.tip_position = lambda: tip.position.copy()
@@ -431,7 +467,7 @@ class _Measured:
 #: The tip stands still where it moves by less than this [m] in this time [s].
 STILL, STILL_TIME = 1.5e-3, 0.4
 
-_LONGEST_REST = 10.0  # s, that a rig may swing
+_LONGEST_REST = 10.0  # s, that a robot may swing
 _FIRST_SIGHT = 2.0  # s
 _POLL = 0.005  # s
 _ESTOP_ECHO = 0.3  # s
@@ -453,8 +489,8 @@ class TipFilter:
     """Position and velocity of the tip, from its measurements as control instants find them.
 
     Attributes:
-        position: (2,) [m].
-        velocity: (2,) [m/s], by difference to what the last instant with another picture found.
+        position: (d,) [m].
+        velocity: (d,) [m/s], by difference to what the last instant with another picture found.
         time: [s], when the newest was taken.
     """
 
@@ -463,7 +499,7 @@ class TipFilter:
 
         Args:
             first: The first measurement.
-            reach: Positions (2,) [m] that the tip can have.
+            reach: Positions (d,) [m] that the tip can have.
             speed: [m/s] that it can have.
 
         Raises:
@@ -472,7 +508,7 @@ class TipFilter:
         self._reach, self._speed = reach, speed
         self._check(first)
         self.position, self.time = first.position, first.time
-        self.velocity = np.zeros(2)
+        self.velocity = np.zeros_like(first.position)
 
     def add(self, sight: TipMeasurement) -> None:
         """The newest measurement at the next instant; the same one again changes nothing.
@@ -495,12 +531,12 @@ class TipFilter:
 
     def _check(self, sight: TipMeasurement) -> None:
         if not self._reach.contains(sight.position):
-            x, y = 1e3 * sight.position
-            raise StaleError(f"the tip source says ({x:.0f}, {y:.0f}) mm, which is out of reach")
+            place = ", ".join(f"{1e3 * x:.0f}" for x in sight.position)
+            raise StaleError(f"the tip source says ({place}) mm, which is out of reach")
 
 
 def reference_at(points: ndarray, step: float) -> ndarray:
-    """Reference (2,) [m] at a fractional step, from its points (n + 1, 2) [m] at whole ones."""
+    """Reference (d,) [m] at a fractional step, from its points (n + 1, d) [m] at whole ones."""
     steps = np.arange(len(points))
     return np.array([np.interp(step, steps, column) for column in points.T])
 
@@ -546,7 +582,7 @@ class _Opened:
     """What a session has opened, and will close."""
 
     def __init__(self) -> None:
-        self.driver: Driver | None = None
+        self.driver: Hardware | None = None
         self.tip: TipSource | None = None
 
     def close_driver(self) -> None:
@@ -570,23 +606,24 @@ class RealSession:
     """
 
     def __init__(
-        self, file: RobotFile, line: Callable[[], Transport], tip: TipSource | None
+        self, file: HardwareFile, line: Callable[[], Transport], tip: TipSource | None
     ) -> None:
         """Nothing is opened yet.
 
         Args:
-            file: The robot.
+            file: What is known of its hardware.
             line: Opens the way to it.
             tip: Measures the tip, instead of what the file names.
         """
         self.file, self._line = file, line
         self._range = np.array([[s.minimum, s.maximum] for s in file.tendons]).T
+        self.whose = "the motors" if isinstance(file, MotorFile) else "the microcontroller"
         self._given_tip, self._opened = tip, _Opened()
         self._owner = os.getpid()
         weakref.finalize(self, _abandon, self._opened, self._owner).atexit = False
 
     @property
-    def driver(self) -> Driver | None:
+    def driver(self) -> Hardware | None:
         """The open driver, None before the first episode and after a lost line."""
         return self._opened.driver
 
@@ -630,7 +667,7 @@ class RealSession:
                 self._opened.tip = make_tip_source(self.file.tip.kind, self.file.tip.options)
             except OSError as error:
                 raise LinkError(f"the tip source does not open: {error}") from error
-        self._opened.driver = Driver(self.file, self._line())
+        self._opened.driver = open_hardware(self.file, self._line())
         try:
             self.driver.connect()
             if clear and self.driver.fault is not None:
@@ -661,9 +698,9 @@ class RealSession:
     # ------------------------------------------------------------------ in an episode
 
     def command(self, length: ndarray, deadline: float) -> tuple[bool, float | None]:
-        """Send lengths (n,) [m], as far as the robot file's range allows, and await the answer.
+        """Send lengths (n,) [m], as far as the file's range allows, and await the answer.
 
-        Nothing is sent while the robot is slow to answer what was sent before; measurements that
+        Nothing is sent while a board is slow to answer what was sent before; measurements that
         grow too old will tell.
 
         Args:
@@ -677,9 +714,8 @@ class RealSession:
         Raises:
             RobotFaultError: The robot has stopped.
         """
-        allowed, answer = np.clip(length, *self._range), None
-        with suppress(UnansweredError):
-            answer = self.driver.wait_for(self.driver.command(allowed), deadline)
+        allowed = np.clip(length, *self._range)
+        answer = self.driver.exchange(allowed, deadline)
         if self.driver.fault is not None:
             raise RobotFaultError(self.driver.fault)
         return bool(np.any(allowed != length)), None if answer is None else answer.round_trip

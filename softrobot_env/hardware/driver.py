@@ -3,37 +3,31 @@
 `Exchange` asks it and waits for its answers, with a thread that listens.
 """
 
-import atexit
-import os
-import signal
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from math import ceil, inf
+from contextlib import contextmanager
 from secrets import randbits
-from threading import Condition, Event, RLock, Thread, current_thread, main_thread
+from threading import Condition, Event, RLock, Thread
 from time import monotonic
-from types import FrameType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
 
-from .errors import LinkError, RefusedError, RobotError, UnansweredError
+from .errors import FaultInfo, LinkError, RefusedError, RobotError, UnansweredError
+from .interface import ExitGuard as ExitGuard
+from .interface import Hardware, Reading
 from .protocol import messages as m
 from .protocol.session import DeviceInfo, Phase, Session, introduced
-from .protocol.unit_conversion import FaultInfo, Reading
 from .robot_file import LONGEST_RAMP, RobotFile
 from .transport import Transport
 
-_FRESH = 0.5  # s; a robot that has said nothing for longer is taken for dead
 
+class Driver(Hardware):
+    """A board's servos.
 
-class Driver:
-    """A real robot's servos, in SI units.
-
-    Lengths are (n,) [m] pulled in. All waits are bounded. What goes wrong while listening is
-    raised by the next call. Nothing but `command` and `move_to` keeps a robot moving: it stops
-    by itself when set-points stay away for longer than its watchdog allows.
+    What goes wrong while listening is raised by the next call. Nothing but `command` and `move_to`
+    keeps a robot moving: it stops by itself when set-points stay away for longer than its watchdog
+    allows.
     """
 
     def __init__(self, robot: RobotFile, transport: Transport) -> None:
@@ -43,22 +37,37 @@ class Driver:
             robot: Calibration and limits.
             transport: The way to the robot; `close` closes it.
         """
-        self.robot, self._transport = robot, transport
+        super().__init__(robot, transport)
         self._session = Session(robot, nonce=0)  # until connect()
         self._exchange = Exchange(transport)
-        self._closed = False
-        self._guard = ExitGuard(self.close)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     @property
     def info(self) -> DeviceInfo | None:
         """Who answered; None before `connect`."""
         return self._session.info
+
+    @property
+    def about(self) -> dict[str, str]:
+        """See `Hardware`."""
+        info = self.info
+        return {
+            "firmware": info.firmware,
+            "protocol": f"{info.protocols[0]} to {info.protocols[1]}",
+            "schema": f"{info.schema:08x}",
+            "tendons": str(info.tendons),
+            "measures": ", ".join(c.name.lower() for c in info.capabilities) or "nothing",
+            "boot": f"{info.boot_id:08x}, cause {info.reset_cause.name.lower().replace('_', '-')}",
+        }
+
+    @property
+    def measures_force(self) -> bool:
+        """See `Hardware`."""
+        return m.Capability.FORCE in self.info.capabilities
+
+    @property
+    def keeps_zero(self) -> bool:
+        """See `Hardware`."""
+        return m.Capability.LENGTH in self.info.capabilities
 
     @property
     def reading(self) -> Reading | None:
@@ -152,51 +161,20 @@ class Driver:
         )
         return session.echo(seq)
 
-    def move_to(self, length: ndarray, speed: float, timeout: float) -> Reading:
-        """Move an armed robot in a straight line and wait until it is there.
-
-        Args:
-            length: (n,) [m].
-            speed: [m/s] of the tendon that has the longest way.
-            timeout: [s].
-
-        Raises:
-            ValueError: Outside the range, or the speed is not positive.
-            RobotError: It was not there in time, or see `command`.
-        """
-        self._session.units.target(length)
-        if not 0 < speed < inf:
-            raise ValueError(f"speed must be positive, got {speed} m/s")
-        if self.reading is None:
-            raise RobotError("move_to() needs a robot that is connected and armed")
-        start, end = self.reading.applied, monotonic() + timeout
-        way, period = np.asarray(length, float) - start, self.robot.control_period
-        steps = max(1, ceil(np.abs(way).max() / (speed * period)))
-        step, due = 0, monotonic()
-        while monotonic() < end:
-            step, due = min(step + 1, steps), max(due, monotonic()) + period
-            reading = self.pace(start + way * step / steps, due)
-            if step == steps and reading is not None and reading.is_at(length):
-                return reading
-        raise RobotError(f"the robot has not come to its target within {timeout:g} s")
-
-    def pace(self, length: ndarray, due: float) -> Reading | None:
-        """Command a set-point and wait until `due` [s]; its answer, None if there was none.
-
-        Nothing is sent while three set-points are under way.
-
-        Raises:
-            LinkError: The robot is silent.
-            RobotError: See `command` and `wait_for`.
-        """
-        reading = None
+    def exchange(self, length: ndarray, deadline: float) -> Reading | None:
+        """See `Hardware`; `command` and `wait_for` in one."""
         try:
-            reading = self.wait_for(self.command(length), due)
-        except UnansweredError as error:
-            if not self._is_alive():
-                raise LinkError(f"the robot has said nothing for {_FRESH:g} s") from error
+            return self.wait_for(self.command(length), deadline)
+        except UnansweredError:
+            return None
+
+    def check_target(self, length: ndarray) -> None:
+        """See `Hardware`."""
+        self._session.units.target(length)
+
+    def wait_until(self, due: float) -> None:
+        """See `Hardware`."""
         self._exchange.pause(due)
-        return reading
 
     def estop(self) -> None:
         """Cut the outputs at once; latches. Works in every state."""
@@ -237,32 +215,12 @@ class Driver:
         self._learn_fault(session, end)
         self._exchange.ask(m.Clear, session.clear, lambda: session.fault is None, end)
 
-    def close(self) -> None:
-        """Stop, disarm and free the port, as far as possible; twice is harmless."""
-        if self._closed:
-            return
-        self._closed = True
-        stages = (
-            self._park,
-            self._disarm,
-            self._exchange.close,
-            self._transport.close,
-            self._guard.remove,
-        )
-        with ExitStack() as left:
-            for stage in reversed(stages):
-                left.callback(_quietly, stage)
+    def _ends(self) -> list[Callable[[], None]]:
+        return [self._park, self._disarm, self._exchange.close]
 
     def _learn_fault(self, session: Session, end: float) -> None:
         """Wait for the report of a fault that is known only by its kind, or until `end` [s]."""
         self._exchange.wait(lambda: session.fault is None or session.fault_reported, end)
-
-    def _is_alive(self) -> bool:
-        return self.reading is not None and monotonic() - self.reading.time < _FRESH
-
-    def _park(self) -> None:
-        if self._is_alive():
-            self.stop()
 
     def _disarm(self) -> None:
         if self._session.phase >= Phase.ARMING:
@@ -275,48 +233,6 @@ class Driver:
         rest = np.array([servo.rest for servo in self.robot.tendons])
         speed = min(self.robot.ramp, self.robot.slew)
         return min(LONGEST_RAMP, float(np.abs(self.reading.applied - rest).max() / speed))
-
-
-def _quietly(stage: Callable[[], None]) -> None:
-    with suppress(RobotError, OSError):
-        stage()
-
-
-class ExitGuard:
-    """Calls a function when the interpreter ends, or when it gets SIGTERM.
-
-    The signal then goes on to whoever had it before. Only Python's main thread gets
-    signals; elsewhere the guard does without. What a process has opened is its own: in a forked
-    child the guard does nothing.
-    """
-
-    def __init__(self, close: Callable[[], None]) -> None:
-        self._close, self._owner = close, os.getpid()
-        self._previous: signal.Handlers | Callable | int | None = None
-
-    def install(self) -> None:
-        """Begin; twice is harmless."""
-        self.remove()
-        atexit.register(self._close_own)
-        if current_thread() is main_thread():
-            self._previous = signal.getsignal(signal.SIGTERM)
-            if self._previous is not None:
-                signal.signal(signal.SIGTERM, self._handle)
-
-    def remove(self) -> None:
-        """End; the previous handler gets its signal back."""
-        atexit.unregister(self._close_own)
-        if current_thread() is main_thread() and signal.getsignal(signal.SIGTERM) == self._handle:
-            signal.signal(signal.SIGTERM, self._previous)
-
-    def _close_own(self) -> None:
-        if os.getpid() == self._owner:
-            self._close()
-
-    def _handle(self, number: int, frame: FrameType | None) -> None:
-        self._close_own()
-        signal.signal(signal.SIGTERM, self._previous)
-        signal.raise_signal(number)
 
 
 _RETRY = 0.2  # s, after which a question is asked again

@@ -1,7 +1,27 @@
 """What can go wrong with a real robot; all texts are for people."""
 
+from dataclasses import dataclass
+from enum import IntEnum
+
 from .protocol.messages import Reason
-from .protocol.unit_conversion import FaultInfo
+
+
+@dataclass(frozen=True)
+class FaultInfo:
+    """The first cause of a stop.
+
+    Attributes:
+        code: What happened, a `protocol.messages.Fault` or one that only a kind of motor has.
+        channel: Index of the tendon, or of the converter's channel; None if it concerns neither.
+        value: [m] that a servo is behind, [N] of a tendon, counts of the converter, [V] of the
+            supply, [s] of silence, [A], [°C]; None if unknown.
+        text: For people.
+    """
+
+    code: IntEnum
+    channel: int | None
+    value: float | None
+    text: str
 
 
 class RobotError(RuntimeError):

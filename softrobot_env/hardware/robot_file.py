@@ -26,6 +26,7 @@ from softrobot_env.core.records import (
 )
 from softrobot_env.robots import LENGTH_SCALE, SERVO_SPEED
 
+from .interface import HardwareFile
 from .protocol.messages import ADC_CHANNELS, MOST_TENDONS, Capability, Config
 
 #: Baud rates that a 16 MHz microcontroller meets.
@@ -215,6 +216,27 @@ class RobotFile:
                 f"the tendons need channels 0 to {len(channels) - 1}, each once, got {channels}"
             )
 
+    def jogged(self) -> Self:
+        """The robot with ranges as wide as its servos' pulses, as slow as its ramp, and patient.
+
+        Where the way from end to end would take more than the longest ramp, they are narrower.
+        """
+        return replace(
+            self,
+            tendons=tuple(_widest(servo, self) for servo in self.tendons),
+            slew=min(self.slew, self.ramp),
+            watchdog=max(self.watchdog, _WATCHDOG),
+        )
+
+    def calibrated(self, marks: tuple[tuple[float, float, float, float], ...]) -> Self:
+        """The robot with marks (n, 4) [m] of its tendons: zero, minimum, maximum, rest.
+
+        Raises:
+            ValueError: They contradict each other, for instance a rest out of range.
+        """
+        pairs = zip(self.tendons, marks, strict=True)
+        return replace(self, tendons=tuple(_calibrated(*pair) for pair in pairs))
+
     def needs(self) -> dict[Capability, str]:
         """What a board must measure, and the key that asks for it."""
         forces = any(servo.max_force or servo.min_force for servo in self.tendons)
@@ -293,7 +315,12 @@ def read_robot_file(path: Path) -> RobotFile:
         OSError: The file cannot be read.
     """
     with placed(path):
-        return read(RobotFile, {"tendons": []} | read_table(path), readers={"tip": _tip})
+        return robot_from_table(read_table(path))
+
+
+def robot_from_table(table: Mapping[str, Any]) -> RobotFile:
+    """Robot that a table describes; errors as of `read_robot_file`."""
+    return read(RobotFile, {"tendons": []} | dict(table), readers={"tip": read_tip})
 
 
 def write_robot_file(robot: RobotFile, path: Path) -> None:
@@ -302,7 +329,7 @@ def write_robot_file(robot: RobotFile, path: Path) -> None:
     write_text(path, text(table | {"tip": {"kind": robot.tip.kind, **robot.tip.options}}))
 
 
-def _tip(table: Any, where: str) -> Tip:
+def read_tip(table: Any, where: str) -> Tip:
     """What measures the tip; all keys but its kind are options."""
     if not isinstance(table, Mapping):
         raise ValueError(f"{where} must be a table, got {table!r}")
@@ -342,19 +369,6 @@ class UnknownCommandError(ValueError):
     """A line that is no command."""
 
 
-def jog_file(robot: RobotFile) -> RobotFile:
-    """The robot with ranges as wide as its servos' pulses, as slow as its ramp, and patient.
-
-    Where the way from end to end would take more than the longest ramp, they are narrower.
-    """
-    return replace(
-        robot,
-        tendons=tuple(_widest(servo, robot) for servo in robot.tendons),
-        slew=min(robot.slew, robot.ramp),
-        watchdog=max(robot.watchdog, _WATCHDOG),
-    )
-
-
 @dataclass(frozen=True)
 class Calibration:
     """What has been found so far; lengths are those of the robot file that it began with.
@@ -367,14 +381,14 @@ class Calibration:
         keeps_zero: Whether the board measures lengths, and so has a zero of its own.
     """
 
-    robot: RobotFile
+    robot: HardwareFile
     target: tuple[float, ...]
     tendon: int
     marks: tuple[tuple[float, float, float, float], ...]
     keeps_zero: bool = False
 
     @classmethod
-    def begin(cls, robot: RobotFile, present: np.ndarray, keeps_zero: bool = False) -> Self:
+    def begin(cls, robot: HardwareFile, present: np.ndarray, keeps_zero: bool = False) -> Self:
         """Nothing found, at the present lengths (n,) [m]."""
         marks = tuple((0.0, s.minimum, s.maximum, s.rest) for s in robot.tendons)
         return cls(robot, tuple(np.asarray(present).tolist()), 0, marks, keeps_zero)
@@ -396,14 +410,13 @@ class Calibration:
             return self._jog(word)
         raise UnknownCommandError(f"unknown command {line.strip()!r}")
 
-    def result(self) -> RobotFile:
+    def result(self) -> HardwareFile:
         """The robot as found.
 
         Raises:
             ValueError: What was found contradicts itself, for instance a rest out of range.
         """
-        pairs = zip(self.robot.tendons, self.marks, strict=True)
-        return replace(self.robot, tendons=tuple(_calibrated(*pair) for pair in pairs))
+        return self.robot.calibrated(self.marks)
 
     def _choose(self, text: str) -> Self:
         count = len(self.target)
@@ -428,7 +441,7 @@ class Calibration:
             way = nan
         if not isfinite(way):
             raise ValueError(f"{text!r} is no way in mm")
-        servo = _widest(self.robot.tendons[self.tendon], self.robot)
+        servo = self.robot.jogged().tendons[self.tendon]
         length = self.target[self.tendon] + way
         if not servo.minimum <= length <= servo.maximum:
             raise ValueError(

@@ -153,7 +153,7 @@ class UdpTip(PolledTip):
     """
 
     def __init__(
-        self, port: int, host: str = "127.0.0.1", key: str | None = None, axes: Axes = "xy"
+        self, port: int, host: str = "127.0.0.1", key: str | None = None, axes: Axes | None = None
     ) -> None:
         """Listen at a UDP port, 0 for any free one.
 
@@ -161,7 +161,8 @@ class UdpTip(PolledTip):
             port: Its number.
             host: Address to listen at.
             key: Secret that the tracker knows too; none: every sender is believed.
-            axes: Names of the coordinates, out of "xyz", that datagrams have.
+            axes: Names of the coordinates that count, out of "xyz"; unless given x, y, and z of the
+                datagrams that have it.
 
         Raises:
             ValueError: No number of a port, an empty key, or no axes.
@@ -169,7 +170,7 @@ class UdpTip(PolledTip):
         """
         check_argument("port", port, Port)
         check_argument("key", key, str | None)
-        check_argument("axes", axes, Axes)
+        check_argument("axes", axes, Axes | None)
         super().__init__()
         self._key, self._count, self._axes = key, -1, axes
         self._socket = listen(host, port)
@@ -192,7 +193,8 @@ class UdpTip(PolledTip):
         if self._key is not None:
             data = _signed(data, self._key)
         message = json.loads(data)
-        place = [_number(message[name], -_FARTHEST, _FARTHEST) for name in self._axes]
+        axes = self._axes or ("xyz" if "z" in message else "xy")
+        place = [_number(message[name], -_FARTHEST, _FARTHEST) for name in axes]
         age = _number(message.get("age", 0.0), 0.0, _OLDEST)
         turn = message.get("q")
         turn = None if turn is None else unit_quaternion([_number(x, -2, 2) for x in turn])

@@ -17,6 +17,7 @@ import tty
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
+from math import inf
 from pathlib import Path
 from threading import Event
 from time import monotonic
@@ -240,7 +241,7 @@ class Plant(Protocol):
 
     Attributes:
         tick: [s] of an `advance`.
-        picture: Age [s] and tip (2,) [m] of the camera's picture that is new since the last tick,
+        picture: Age [s] and tip (d,) [m] of the camera's picture that is new since the last tick,
             or None.
     """
 
@@ -257,7 +258,7 @@ class Plant(Protocol):
 
     @property
     def tip(self) -> ndarray:
-        """Where the tip is, (2,) [m]."""
+        """Where the tip is, (d,) [m]."""
 
     def adc(self) -> tuple[int, ...]:
         """Counts of the converter's first channels."""
@@ -266,48 +267,114 @@ class Plant(Protocol):
         """Go on for a tick with servos driven to (n,) [m], or without power; what went wrong."""
 
 
+class Device(Protocol):
+    """What hosts talk to: a board's program, or motors on a bus.
+
+    Attributes:
+        command: (n,) [m], where it drives the servos; None without power: then they stay.
+        applied: (n,) [m], what it takes its outputs to be.
+        powered: Whether any output is on.
+        due: [s], when its next bytes leave without being asked.
+    """
+
+    command: ndarray | None
+    applied: ndarray
+    powered: bool
+    due: float
+
+    def receive(self, data: bytes) -> None:
+        """Bytes from the host, cut anywhere, for the next pass."""
+
+    def run(self, now: float, plant: Plant) -> None:
+        """One pass of its program, at a time [s]."""
+
+    def transmit(self) -> bytes:
+        """Bytes that have left it by the last pass."""
+
+
+class Board:
+    """A microcontroller with its servos; see `Device`."""
+
+    due = inf
+
+    def __init__(self, core: Core, servos: Sequence[Servo], supply: float) -> None:
+        """A board.
+
+        Args:
+            core: The microcontroller's program.
+            servos: How the plant's servos understand pulses.
+            supply: [V].
+        """
+        self.core, self._servos, self._millivolts = core, servos, round(1e3 * supply)
+        self.receive, self.transmit = core.receive, core.transmit
+        self.outputs = core.outputs
+
+    def run(self, now: float, plant: Plant) -> None:
+        """See `Device`."""
+        measured = Measured(
+            length=tuple(round(x / LENGTH_UNIT) for x in plant.length.tolist()),
+            force=tuple(round(x / FORCE_UNIT) for x in plant.tension.tolist()),
+            adc=plant.adc(),
+            vbus=self._millivolts,
+            estop=False,
+        )
+        self.core.run(round(1e6 * now) % _CLOCK, measured)
+        self.outputs = self.core.outputs
+
+    @property
+    def command(self) -> ndarray | None:
+        """See `Device`."""
+        if not self.outputs.powered:
+            return None
+        pairs = zip(self._servos, self.outputs.pulse_us, strict=True)
+        return np.array([servo.length(1e-6 * pulse) for servo, pulse in pairs])
+
+    @property
+    def applied(self) -> ndarray:
+        """See `Device`."""
+        return LENGTH_UNIT * np.array(self.outputs.applied)
+
+    @property
+    def powered(self) -> bool:
+        """See `Device`."""
+        return self.outputs.powered
+
+
 class VirtualRobot:
-    """Microcontroller, plant and camera, run by the clock.
+    """A device, plant and camera, run by the clock.
 
     Attributes:
         port: Path of the pseudo-terminal that hosts open.
-        outputs: What the microcontroller drives now.
+        device: What hosts talk to.
         failure: Why the plant's simulation stopped, or None.
         lag: [s], farthest that the simulation has been behind the clock.
     """
 
     def __init__(
         self,
-        core: Core,
+        device: Device,
         plant: Plant,
-        servos: Sequence[Servo],
-        supply: float,
         show: Callable[[float, ndarray], None] | None = None,
         watch: Callable[["VirtualRobot"], None] | None = None,
     ) -> None:
         """Open a pseudo-terminal; nothing runs yet.
 
         Args:
-            core: The microcontroller's program.
+            device: What hosts talk to.
             plant: What it drives.
-            servos: How the plant's servos understand pulses.
-            supply: [V].
-            show: Called with age [s] and tip (2,) [m] of every picture of the camera.
+            show: Called with age [s] and tip (d,) [m] of every picture of the camera.
             watch: Called after every tick.
         """
-        self._core, self._plant, self._servos = core, plant, servos
-        self._millivolts = round(1e3 * supply)
+        self.device, self._plant = device, plant
         self._show, self._watch = show, watch
         # The slave stays open, so that a host may come and go.
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
-        self.outputs: Outputs = core.outputs
         self.failure: str | None = None
         self.lag = 0.0
         self._pending, self._passed = b"", monotonic()
-        self._measured = self._measure()
 
     def run(self, stop: Event) -> None:
         """Serve until `stop` is set or the plant fails."""
@@ -323,7 +390,7 @@ class VirtualRobot:
 
     @property
     def moment(self) -> tuple[float, ndarray]:
-        """Time [s] of the host's clock that `outputs` are of, and where the tip is, (2,) [m]."""
+        """Time [s] of the host's clock that outputs are of, and where the tip is, (d,) [m]."""
         return self._passed, self._plant.tip
 
     def close(self) -> None:
@@ -335,22 +402,22 @@ class VirtualRobot:
     def _serve_until(self, due: float) -> None:
         """Answer the host at once, whenever it says something, until `due` [s]."""
         while True:
-            left = due - monotonic()
+            now = monotonic()
+            left, idle = due - now, min(due, self.device.due) - now
             waiting = [self._master] if self._pending else []
-            readable, _, _ = select.select([self._master], waiting, [], max(0.0, left))
+            readable, _, _ = select.select([self._master], waiting, [], max(0.0, idle))
             if readable:
                 with contextlib.suppress(OSError):
-                    self._core.receive(os.read(self._master, _READ))
+                    self.device.receive(os.read(self._master, _READ))
             self._pass()
             if left <= 0:
                 return
 
     def _pass(self) -> None:
-        """One pass of the microcontroller's main loop."""
+        """One pass of the device's program."""
         self._passed = monotonic()
-        self._core.run(round(1e6 * self._passed) % _CLOCK, self._measured)
-        self.outputs = self._core.outputs
-        self._pending += self._core.transmit()
+        self.device.run(self._passed, self._plant)
+        self._pending += self.device.transmit()
         if self._pending:
             with contextlib.suppress(BlockingIOError):
                 self._pending = self._pending[os.write(self._master, self._pending) :]
@@ -358,26 +425,11 @@ class VirtualRobot:
                 self._pending = b""
 
     def _advance(self) -> None:
-        command = None
-        if self.outputs.powered:
-            pairs = zip(self._servos, self.outputs.pulse_us, strict=True)
-            command = np.array([servo.length(1e-6 * pulse) for servo, pulse in pairs])
-        self.failure = self._plant.advance(command)
-        self._measured = self._measure()
+        self.failure = self._plant.advance(self.device.command)
         if self._show is not None and self._plant.picture is not None:
             self._show(*self._plant.picture)
         if self._watch is not None:
             self._watch(self)
-
-    def _measure(self) -> Measured:
-        plant = self._plant
-        return Measured(
-            length=tuple(round(x / LENGTH_UNIT) for x in plant.length.tolist()),
-            force=tuple(round(x / FORCE_UNIT) for x in plant.tension.tolist()),
-            adc=plant.adc(),
-            vbus=self._millivolts,
-            estop=False,
-        )
 
 
 @contextlib.contextmanager

@@ -1,7 +1,8 @@
 """Robot descriptions as TOML files: SI units in their keys, `RobotParams` both ways.
 
 Keys are those of the fields (`core.records`). A `[[tendon]]` with a list of names is as many
-tendons at equal angles. Places in messages count from 1: `section[1]` is the section at the base.
+tendons at equal angles. A table `[hardware]` says what drives the real robot, and is kept as it is.
+Places in messages count from 1: `section[1]` is the section at the base.
 """
 
 from collections.abc import Mapping, Sequence
@@ -157,10 +158,13 @@ def _table(robot: RobotParams) -> dict[str, Any]:
         table["tendon"].append(one | drive)
     lists = ("section", "tendon", "disc", "sensor")
     alone = {key: value for key, value in table.items() if key not in lists}
-    return alone | {key: table[key] for key in lists if key in table}
+    real = {} if robot.hardware is None else {"hardware": robot.hardware}
+    return alone | {key: table[key] for key in lists if key in table} | real
 
 
 def _robot(table: Mapping[str, Any]) -> RobotParams:
+    hardware = table.get("hardware")
+    table = {key: value for key, value in table.items() if key != "hardware"}
     later = dict.fromkeys(("section", "tendon", "disc"), lambda one, where: (where, one))
     (values,) = read_values(table, "", TABLES[""], later)
     said = values.pop("sections", ())
@@ -183,6 +187,7 @@ def _robot(table: Mapping[str, Any]) -> RobotParams:
         tendons=tendons,
         drive=_one_drive([drive for _, drive in found]),
         adaptive_pieces=not any("pieces" in one for _, one in said),
+        hardware=hardware,
     )
 
 

@@ -311,6 +311,8 @@ class RobotParams:
             files that do not say `pieces`.
         file: That describes it, None of others; beside it lie its trained artifacts. Robots of
             different files may be equal.
+        hardware: Table `[hardware]` of the file as it is written, what drives the real one; see
+            `softrobot_env.hardware.registry`.
     """
 
     name: Name
@@ -336,6 +338,7 @@ class RobotParams:
     sensors: Annotated[tuple[Sensor, ...], Key("sensor")] = ()
     adaptive_pieces: bool = unwritten(False)
     file: Path | None = unwritten(None, compare=False, repr=False)
+    hardware: dict[str, Any] | None = unwritten(None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_argument(f"robot {self.name!r}: sections", self.sections, tuple[Section, ...])

@@ -26,6 +26,7 @@ PAGES = [
 NOT_RUN = {
     "docs/howto/gpu.md": "needs a graphics card",
     "docs/howto/hardware.md": "needs a robot",
+    "docs/howto/motors.md": "needs a robot",
     "docs/howto/own_task.md": "is run by tests/commands/test_any_robot.py",
     "docs/howto/twelve_tasks.md": "is run by tests/docs/test_twelve_tasks.py",
 }

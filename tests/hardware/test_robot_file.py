@@ -13,7 +13,6 @@ from softrobot_env.hardware.robot_file import (
     Servo,
     Supervision,
     Tip,
-    jog_file,
     read_robot_file,
     rig_file,
     write_robot_file,
@@ -108,7 +107,7 @@ def obey(lines, robot=None):
 
 
 def test_jogging_may_use_all_pulses_and_no_more():
-    servos = jog_file(rig_file()).tendons
+    servos = rig_file().jogged().tendons
     pulses = [servo.pulse(x) for servo in servos for x in (servo.minimum, servo.maximum)]
     assert min(pulses) >= SHORTEST_PULSE and max(pulses) <= LONGEST_PULSE
     np.testing.assert_allclose(pulses, [SHORTEST_PULSE, LONGEST_PULSE] * 3, atol=0.5e-6)
@@ -118,7 +117,7 @@ def test_jogging_goes_no_farther_than_the_longest_ramp():
     """A winch of 600 mm for all pulses, where the file allows 40 mm to one side."""
     servos = tuple(replace(s, gain=3e-3, minimum=0.0, maximum=0.04) for s in rig_file().tendons)
     robot = replace(rig_file(), tendons=servos, ramp=0.01)
-    for servo in jog_file(robot).tendons:
+    for servo in robot.jogged().tendons:
         assert (servo.minimum, servo.maximum) == pytest.approx((-0.03, 0.07))
 
 

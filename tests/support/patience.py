@@ -8,14 +8,14 @@ import pytest
 from softrobot_env.commands.robot import soak, virtual
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.envs.real import RealRigEnv
-from softrobot_env.hardware import driver
+from softrobot_env.hardware import driver, interface
 
 
 @contextmanager
 def patient_drivers():
     """Drivers wait longer for an answer, and take no robot for dead that is only slow."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(driver, "_FRESH", 10.0)
+        patch.setattr(interface, "FRESH", 10.0)
         for method in (driver.Driver.connect, driver.Driver.arm):
             patch.setattr(method, "__defaults__", (20.0,))
         yield

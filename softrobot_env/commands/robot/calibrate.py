@@ -10,15 +10,9 @@ from time import monotonic
 
 import numpy as np
 
-from softrobot_env.hardware.driver import Driver
-from softrobot_env.hardware.protocol.messages import Capability
-from softrobot_env.hardware.robot_file import (
-    HELP,
-    Calibration,
-    UnknownCommandError,
-    jog_file,
-    write_robot_file,
-)
+from softrobot_env.hardware.interface import Hardware
+from softrobot_env.hardware.registry import save_hardware
+from softrobot_env.hardware.robot_file import HELP, Calibration, UnknownCommandError
 
 from ..output import new_file, say
 from .link import ROBOT_TEXT, numbers, open_driver, robot_of
@@ -45,13 +39,12 @@ def run(args: Namespace) -> int:
         FileExistsError: The file to write is there; the robot has not moved.
     """
     robot = robot_of(args)
-    with new_file(args.out, args.overwrite), open_driver(jog_file(robot), args.record) as driver:
-        info = driver.connect()
+    with new_file(args.out, args.overwrite), open_driver(robot.jogged(), args.record) as driver:
+        driver.connect()
         say(_HELP, highlight=False)
         driver.arm()
-        keeps_zero = Capability.LENGTH in info.capabilities
-        begun = Calibration.begin(robot, driver.reading.applied, keeps_zero)
-        written = jog(driver, begun, _Lines(sys.stdin), args.out)
+        begun = Calibration.begin(robot, driver.reading.applied, driver.keeps_zero)
+        written = jog(driver, begun, _Lines(sys.stdin), args.out, args.robot_file)
     say(f"Wrote {args.out}" if written else "Nothing written.")
     return int(not written)
 
@@ -76,7 +69,13 @@ class _Lines:
         self._queue.put("quit")
 
 
-def jog(driver: Driver, calibration: Calibration, lines: _Lines, out: Path) -> bool:
+def jog(
+    driver: Hardware,
+    calibration: Calibration,
+    lines: _Lines,
+    out: Path,
+    source: Path | None = None,
+) -> bool:
     """Move an armed robot as the lines say, until a file is written, or until "quit".
 
     A line is obeyed when the robot has come to where the one before sent it.
@@ -94,16 +93,16 @@ def jog(driver: Driver, calibration: Calibration, lines: _Lines, out: Path) -> b
         if line == "quit":
             return False
         if line == "write":
-            if _write(calibration, out):
+            if _write(calibration, source, out):
                 return True
         elif line:
             calibration = _obey(calibration, line)
 
 
-def _write(calibration: Calibration, out: Path) -> bool:
+def _write(calibration: Calibration, source: Path | None, out: Path) -> bool:
     """Write what was found; what is wrong with it is reported, and can be mended."""
     try:
-        write_robot_file(calibration.result(), out)
+        save_hardware(calibration.result(), source, out)
     except (ValueError, OSError) as error:
         say(f"not written: {error}", highlight=False)
         return False

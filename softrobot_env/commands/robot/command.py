@@ -1,4 +1,4 @@
-"""`softrobot robot`: a real robot over serial; who answers there, orders to it, recorded links."""
+"""`softrobot robot`: a real robot; who answers at a port, orders to it, recorded links."""
 
 from argparse import Namespace
 from collections import Counter
@@ -12,10 +12,13 @@ import numpy as np
 from rich.live import Live
 from rich.table import Table
 
-from softrobot_env.hardware.driver import Driver, identify
+from softrobot_env.hardware.driver import identify
 from softrobot_env.hardware.errors import RobotError
+from softrobot_env.hardware.interface import Hardware
+from softrobot_env.hardware.motor_file import MotorFile
 from softrobot_env.hardware.protocol import messages
 from softrobot_env.hardware.protocol.unit_conversion import faults
+from softrobot_env.hardware.registry import save_hardware
 from softrobot_env.hardware.robot_file import BAUDS, rig_file
 from softrobot_env.hardware.transport import (
     Direction,
@@ -27,10 +30,10 @@ from softrobot_env.hardware.transport import (
 from softrobot_env.rendering.tables import Column, make_table, named_values
 
 from ..arguments import command
-from ..output import say
+from ..output import new_file, say
 from ..registry import Command
 from . import calibrate, camera, record, soak, virtual
-from .link import ROBOT_TEXT, info_rows, open_driver, reading_rows, robot_of
+from .link import ROBOT_TEXT, numbers, open_driver, reading_rows, robot_of
 
 EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
 
@@ -75,7 +78,7 @@ def _answer(port: str, args: Namespace) -> tuple[bool, str]:
 _LONGEST_MOVE = 30.0  # s
 
 
-def _order(example: str, give: Callable[[Driver, Namespace], int], options: str = "") -> Any:
+def _order(example: str, give: Callable[[Hardware, Namespace], int], options: str = "") -> Any:
     """A command that gives an order, by a driver that has sent nothing yet."""
 
     def run(args: Namespace) -> int:
@@ -85,26 +88,28 @@ def _order(example: str, give: Callable[[Driver, Namespace], int], options: str 
     return command(example, f"{ROBOT_TEXT}\n{options}", run)
 
 
-def _info(driver: Driver, args: Namespace) -> int:
+def _info(driver: Hardware, args: Namespace) -> int:
     """What a robot says of itself; 1 if a fault is latched."""
-    robot, rows = driver.robot, info_rows(driver.connect()) | reading_rows(driver.reading)
+    driver.connect()
+    robot, rows = driver.robot, driver.about | reading_rows(driver.reading)
     say(named_values(f"Robot {robot.name} at {robot.port}", rows))
     return int(bool(driver.reading.faults))
 
 
-def _stop(driver: Driver, args: Namespace) -> int:
+def _stop(driver: Hardware, args: Namespace) -> int:
     """Ramp to rest, then off; 1 if a fault is latched.
 
-    A hello ends any session with the ramp, and the configuration is taken only after it.
+    Of a board, a hello ends any session with the ramp, and the configuration is taken after it.
     """
     driver.connect(args.timeout)
+    driver.stop(args.timeout)
     if args.clear:
         driver.clear()
     say(named_values(f"Robot {driver.robot.name} has stopped", reading_rows(driver.reading)))
     return int(bool(driver.reading.faults))
 
 
-def _estop(driver: Driver, args: Namespace) -> int:
+def _estop(driver: Hardware, args: Namespace) -> int:
     """Cut the outputs at once; 1 if it cannot be confirmed."""
     driver.estop()
     driver.connect()
@@ -117,7 +122,7 @@ def _estop(driver: Driver, args: Namespace) -> int:
     return int(not stopped)
 
 
-def _hold(driver: Driver, args: Namespace) -> int:
+def _hold(driver: Hardware, args: Namespace) -> int:
     """Hold at rest; Ctrl-C ends it in order."""
     driver.connect()
     driver.arm()
@@ -128,7 +133,7 @@ def _hold(driver: Driver, args: Namespace) -> int:
     return 0
 
 
-def _stay(driver: Driver, seconds: float) -> None:
+def _stay(driver: Hardware, seconds: float) -> None:
     robot = driver.robot
     rest = np.array([servo.rest for servo in robot.tendons])
     driver.move_to(rest, robot.ramp, _LONGEST_MOVE)
@@ -139,13 +144,31 @@ def _stay(driver: Driver, seconds: float) -> None:
             driver.pace(rest, due)
 
 
-def _shown(driver: Driver) -> Table:
+def _shown(driver: Hardware) -> Table:
     link = driver.link
     trips = f"{1e3 * (link['round_trip'] or 0):.1f} ms, longest "
     trips += f"{1e3 * link['longest_round_trip']:.1f} ms"
     counts = f"{link['sent']} sent, {link['received']} received, {link['lost']} lost"
     rows = reading_rows(driver.reading) | {"round trip": trips, "messages": counts}
     return named_values(f"Robot {driver.robot.name}, Ctrl-C stops it", rows)
+
+
+def _home(args: Namespace) -> int:
+    """Find length zero of motors by the tension of their tendons, and write it to a file."""
+    from softrobot_env.hardware.motors import home
+
+    robot = robot_of(args)
+    if not isinstance(robot, MotorFile):
+        raise ValueError("home: only motors feel their tendons; calibrate a board's servos by hand")
+    with new_file(args.out, args.overwrite), open_driver(robot.jogged(), args.record) as driver:
+        driver.connect()
+        driver.arm()
+        zero = home(driver)
+        limits = zip(zero.tolist(), robot.tendons, strict=True)
+        marks = [(x, x + t.minimum, x + t.maximum, x + t.rest) for x, t in limits]
+        save_hardware(robot.calibrated(marks), args.robot_file, args.out)
+        say(f"Length zero was at {numbers(1e3 * zero, 2)} mm; wrote {args.out}")
+    return 0
 
 
 # ---------------------------------------------------------------- recorded links
@@ -156,17 +179,20 @@ _ARROWS = {Direction.TO_ROBOT: "to robot", Direction.FROM_ROBOT: "from robot"}
 _ROUTINE = (messages.Setpoint, messages.Ping, messages.Pong)
 
 
-#: A message: time [s] from the start, which way, and what.
-Line = tuple[float, Direction, messages.Message]
+#: A message, or what motors and their host said at once: time [s] from the start, which way, what.
+Line = tuple[float, Direction, messages.Message | bytes]
 
 
 def _replay(args: Namespace) -> int:
-    """Print what a link carried; 1 if the log breaks off in a record."""
+    """Print what a link carried, of motors its bytes; 1 if the log breaks off in a record."""
     log = read_link_log(args.log)
     lines = [
         (chunk.time - log.chunks[0].time, chunk.direction, message)
         for chunk, message, _ in log.messages()
     ]
+    if not lines:  # of motors: what was said at once is a packet, or answers
+        begin = log.chunks[0].time if log.chunks else 0.0
+        lines = [(chunk.time - begin, chunk.direction, chunk.data) for chunk in log.chunks]
     say(make_table("", _COLUMNS, lines if args.all else _news(lines)))
     say(_summary(log, lines))
     return int(not log.complete)
@@ -194,7 +220,9 @@ def _tells(message: messages.Message) -> tuple | None:
     return None
 
 
-def _text(message: messages.Message) -> str:
+def _text(message: messages.Message | bytes) -> str:
+    if isinstance(message, bytes):
+        return message.hex(" ")
     if isinstance(message, messages.State):
         applied = ", ".join(f"{x / 100:.2f}" for x in message.applied)
         state = messages.DeviceState(message.state).name.lower()
@@ -248,6 +276,15 @@ _STOP = _order(
     _stop,
     "--clear  clear a latched fault, if its cause is gone\n--timeout S (10)",
 )
+_HOME = command(
+    "softrobot robot home --robot-file trunk.toml --out homed.toml",
+    f"""
+    {ROBOT_TEXT}
+    --out FILE (homed.toml)
+    <overwrite>
+    """,
+    _home,
+)
 _ESTOP = _order(
     "softrobot robot estop --port /dev/ttyUSB0",
     _estop,
@@ -269,13 +306,17 @@ COMMANDS: Mapping[str, Command] = {
         _order("softrobot robot info --robot-file rig.toml", _info),
         "configure a robot and print what it says of itself",
     ),
-    "calibrate": (calibrate, "jog the servos, mark zero, range and rest, and write a robot file"),
+    "calibrate": (
+        calibrate,
+        "jog a robot, mark zero, range and rest, and write its file",
+    ),
     "camera": (camera, "print tags and a board, calibrate a camera that sees them"),
+    "home": (_HOME, "pull motors' tendons until they are taut, and write where length zero is"),
     "hold": (_HOLD, "arm a robot and hold it at rest"),
     "stop": (_STOP, "ramp a robot to rest and switch its outputs off"),
     "estop": (_ESTOP, "cut a robot's outputs at once"),
     "replay": (_REPLAY, "print what a recorded link carried"),
     "record": (record, "excite a robot, simulated, virtual or real, within limits, and record it"),
-    "virtual": (virtual, "run the rig without hardware, behind a serial port"),
+    "virtual": (virtual, "run a robot without hardware, behind a serial port"),
     "soak": (soak, "run at full rate for long, and print whether every promise was kept"),
 }

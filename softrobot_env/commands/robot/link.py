@@ -1,48 +1,47 @@
 """Arguments that say which robot, the driver they mean, and what a robot says, for people."""
 
 from argparse import Namespace
-from dataclasses import replace
 from pathlib import Path
 
 from numpy import ndarray
 
-from softrobot_env.hardware.driver import Driver
-from softrobot_env.hardware.protocol.session import DeviceInfo
-from softrobot_env.hardware.protocol.unit_conversion import Reading
-from softrobot_env.hardware.robot_file import RobotFile, read_robot_file, rig_file
+from softrobot_env.hardware.interface import Hardware, HardwareFile, Reading
+from softrobot_env.hardware.registry import find_hardware, open_hardware, with_port
+from softrobot_env.hardware.robot_file import rig_file
 from softrobot_env.hardware.transport import LoggingTransport, SerialTransport, Transport
 
 from ..output import say
 
 #: Arguments that say which robot.
 ROBOT_TEXT = """
-    --robot-file FILE  robot file (TOML); default: the rig before its calibration
+    --robot-file FILE  robot's file with a table [hardware], or a board's own (TOML); default: the
+        rig before its calibration
     <port>
     --record FILE  new file for all messages
 """
 
 
-def robot_of(args: Namespace) -> RobotFile:
+def robot_of(args: Namespace) -> HardwareFile:
     """The robot that the arguments of `ROBOT_TEXT` mean.
 
     Raises:
         ValueError: The file says what is not allowed.
     """
-    robot = rig_file() if args.robot_file is None else read_robot_file(args.robot_file)
-    return robot if args.port is None else replace(robot, port=args.port)
+    robot = rig_file() if args.robot_file is None else find_hardware(args.robot_file)
+    return with_port(robot, args.port)
 
 
-def open_driver(robot: RobotFile, record: Path | None) -> Driver:
+def open_driver(robot: HardwareFile, record: Path | None) -> Hardware:
     """A driver at the robot's port, to be closed as a context; nothing is sent yet.
 
     Raises:
         LinkError: The port cannot be opened.
         OSError: The file to record to exists or cannot be written.
     """
-    return Driver(robot, opened(robot, record))
+    return open_hardware(robot, opened(robot, record))
 
 
-def opened(robot: RobotFile, record: Path | None) -> Transport:
+def opened(robot: HardwareFile, record: Path | None) -> Transport:
     """The robot's port, recorded to a file where one is given; errors as of `open_driver`."""
     transport = SerialTransport(robot.port, robot.baud)
     try:
@@ -62,26 +61,18 @@ class _ToldLog(LoggingTransport):
             say(f"The log breaks off: {self.failure}")
 
 
-def info_rows(info: DeviceInfo) -> dict[str, str]:
-    """Who answered, by name."""
-    return {
-        "firmware": info.firmware,
-        "protocol": f"{info.protocols[0]} to {info.protocols[1]}",
-        "schema": f"{info.schema:08x}",
-        "tendons": str(info.tendons),
-        "measures": ", ".join(c.name.lower() for c in info.capabilities) or "nothing",
-        "boot": f"{info.boot_id:08x}, cause {info.reset_cause.name.lower().replace('_', '-')}",
-    }
-
-
 def reading_rows(reading: Reading) -> dict[str, str]:
     """What the robot does and measures, by name."""
+    own = {"converter": numbers(reading.adc, 0)}
+    if reading.current is not None:
+        own = {"current": f"{numbers(reading.current, 3)} A"}
+        own["temperature"] = f"{numbers(reading.temperature, 0)} °C"
     return {
         "state": reading.state.name.lower(),
         "applied": f"{numbers(1e3 * reading.applied, 2)} mm",
         "length": f"{numbers(1e3 * reading.length, 2)} mm",
         "force": f"{numbers(reading.force, 2)} N",
-        "converter": numbers(reading.adc, 0),
+        **own,
         "supply": f"{reading.supply:.2f} V",
         "faults": ", ".join(fault.name.lower() for fault in reading.faults) or "none",
     }

@@ -8,7 +8,6 @@ from functools import partial
 import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.report import VIRTUAL
 from softrobot_env.evaluation.runner import Case
@@ -21,7 +20,7 @@ from softrobot_env.robots import RobotParams, default_robot, entry_of, find_robo
 from ..arguments import SIMULATED
 from ..output import check_free, new_file, progress_on, say
 from .link import robot_of
-from .virtual import VirtualRigEnv
+from .virtual import real_env
 
 EXAMPLE = """softrobot robot record --twin 3 --out out/rig.csv
   softrobot robot record --robot my.toml --kinds pulls --static --out out/pulls.csv
@@ -30,14 +29,14 @@ EXAMPLE = """softrobot robot record --twin 3 --out out/rig.csv
 _USUAL = excitation.Excitation()
 
 ARGUMENTS = f"""
-    <robot> simulated; default: the rig
+    <robot> default: the rig
     --env ENV ({SIMULATED})  out of %(choices)s
     --twin SEED|none  errors of manufacturing and servos of a simulated or virtual robot
         driven by length, unknown to policies; default: of the rig 0, of others none
     --vary NAME=V  deviations of a simulated robot from its file:
         <variations>
     --plant PLANT ({MUJOCO})  of a simulated robot, out of %(choices)s
-    --robot-file FILE  of a real rig
+    --robot-file FILE  of a real robot; default: the robot's own, of the rig as it comes
     <port>
     --control-period S (0.02)
     --kinds KIND+ ({" ".join(_USUAL.kinds)})  out of %(choices)s
@@ -123,11 +122,13 @@ def _environment(args: Namespace, robot: RobotParams, planned: excitation.Plan) 
     if args.env == SIMULATED:
         return Case(task, "hold", twin=seed, plant=args.plant, scene=options).environment()
 
-    if not entry.on_a_line or args.plant != MUJOCO:
-        raise ValueError(f"--robot, --plant: only with --env {SIMULATED}")
+    if args.plant != MUJOCO:
+        raise ValueError(f"--plant: only with --env {SIMULATED}")
+    make = real_env(robot, args.env == VIRTUAL)
     options["observe"] = "all"
     if args.env != VIRTUAL:
-        return RealRigEnv(task, robot_file=robot_of(args), **options)
-    if seed is None:
+        own = entry.on_a_line or args.robot_file is not None
+        return make(task, robot_file=robot_of(args) if own else None, port=args.port, **options)
+    if seed is None and entry.on_a_line:
         raise ValueError(f"--twin none: only with --env {SIMULATED}")
-    return VirtualRigEnv(task, seed, **options)
+    return make(task, seed, **options)

@@ -3,7 +3,7 @@
 from argparse import Namespace
 from contextlib import closing
 from dataclasses import replace
-from math import isnan
+from math import ceil, isnan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,22 +14,23 @@ from rich.table import Table
 
 from softrobot_env.control.registry import make_policy
 from softrobot_env.core.artifacts import read_arrays
-from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.core.files import read_table
+from softrobot_env.envs.real import RealEnv
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.evaluation.run import Columns, play
-from softrobot_env.hardware.robot_file import RobotFile, read_robot_file
+from softrobot_env.hardware.interface import HardwareFile
+from softrobot_env.hardware.registry import HARDWARE, find_hardware
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.rendering.tables import named_values
-from softrobot_env.robots import default_robot, usual_task
-from softrobot_env.tasks import make_task
+from softrobot_env.robots import RobotParams, default_robot, entry_of, find_robot, usual_task
+from softrobot_env.tasks import Task, make_task
 
 from ..output import filling, progress_on, say
-from .virtual import virtual_process
+from .virtual import FIRMWARE, virtual_process
 
 EXAMPLE = "softrobot robot soak --seconds 60"
 
 _PERIOD = 2.0  # s, of a lap
-_POLICY = "hybrid"
 _MOST_MISSED = 1e-3  # share of the steps
 _OLDEST = 1.0  # s
 
@@ -52,20 +53,27 @@ _WINDOW = 0.05
 
 ARGUMENTS = """
     --seconds S (600)  duration
-    --robot-file FILE  a real robot; default: a virtual one
-    --twin SEED (0)  of the virtual robot
+    --robot-file FILE  a real robot, as of `softrobot robot info`; default: a virtual one
+    --hardware KIND (firmware)  of the virtual robot, out of %(choices)s
+    --robot ROBOT  of virtual motors: a robot driven by length, its name or file; default: the rig
+    --twin SEED  of the virtual robot; default: of a board 0, of motors the nominal
     --out DIR (out/soak)
     <overwrite>
 """
+
+KINDS = {"hardware": tuple(HARDWARE)}
 
 
 @filling
 def run(args: Namespace) -> int:
     """Run the command; 1 if a promise was broken."""
+    robot = default_robot(on_a_line=True) if args.robot is None else find_robot(args.robot)
     if args.robot_file is not None:
-        row = _soak(read_robot_file(args.robot_file), None, args.seconds)
+        if "hardware" in read_table(args.robot_file):
+            robot = find_robot(args.robot_file)
+        row = soak(robot, find_hardware(args.robot_file), None, args.seconds)
     else:
-        row = _soak_virtual(args)
+        row = soak_virtual(args.hardware, robot, args.twin, args.seconds)
     promises = _promises(row)
     write_json(args.out / "report.json", [row, *promises], args.command_line)
     say(_table(row, promises))
@@ -73,25 +81,39 @@ def run(args: Namespace) -> int:
     return int(not all(kept["met"] for kept in promises))
 
 
-def _soak_virtual(args: Namespace) -> dict[str, Any]:
+def soak_virtual(kind: str, robot: RobotParams, twin: int | None, seconds: float) -> dict[str, Any]:
     """The row of a virtual robot, with what its own log says."""
+    own = {} if kind == FIRMWARE else {"kind": kind, "robot": robot}
+    seed = 0 if kind == FIRMWARE and twin is None else twin
     with TemporaryDirectory() as folder:
         log = Path(folder) / "log.npz"
-        with virtual_process(args.twin, log=log) as robot:
-            row = _soak(robot.file, robot.tip, args.seconds)
-        return row | unsafe_outputs(read_arrays(log), robot.file)
+        with virtual_process(seed, log=log, **own) as virtual:
+            row = soak(robot, virtual.file, virtual.tip, seconds)
+        return row | unsafe_outputs(read_arrays(log), virtual.file)
 
 
-def _soak(file: RobotFile, tip: TipSource | None, seconds: float) -> dict[str, Any]:
-    robot = default_robot(on_a_line=True)
-    lap = make_task(usual_task(robot), robot=robot, period=_PERIOD)
-    run = replace(lap.trajectory, laps=max(0, int(seconds / _PERIOD)))
-    task = replace(lap, name="soak", trajectory=run, duration=seconds)
+def soak_task(robot: RobotParams, seconds: float) -> tuple[Task, str]:
+    """What a robot does for so long [s], and by which policy: laps of the rig's task, or points."""
+    if entry_of(robot).on_a_line:
+        task = make_task(usual_task(robot), robot=robot, period=_PERIOD)
+        run, policy = replace(task.trajectory, laps=max(0, int(seconds / _PERIOD))), "hybrid"
+    else:
+        task, policy = make_task("reach", robot=robot), "static"
+        again = ceil(seconds / task.duration)
+        run = replace(task.trajectory, points=task.trajectory.points * again)
+    return replace(task, name="soak", trajectory=run, duration=seconds), policy
+
+
+def soak(
+    robot: RobotParams, file: HardwareFile, tip: TipSource | None, seconds: float
+) -> dict[str, Any]:
+    """What a run of so long [s] measured of a real robot, or of one that runs virtually."""
+    task, policy = soak_task(robot, seconds)
     # Missed steps do not end the run: a promise judges them.
     steps = round(seconds / file.control_period)
     # A stall shall count as missed steps and late answers, and not end the run.
-    env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
-    policy = make_policy(_POLICY, robot, env.control_period)
+    env = RealEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
+    policy = make_policy(policy, robot, env.control_period)
     samples, last = Columns(), {}
     with closing(env), progress_on("soak", seconds) as show:
         for count, moment in enumerate(play(env, policy)):
@@ -132,7 +154,7 @@ def answer_times(trips: list[float | None], period: float) -> list[float]:
     return times[::-1]
 
 
-def unsafe_outputs(log: dict[str, ndarray], file: RobotFile) -> dict[str, Any]:
+def unsafe_outputs(log: dict[str, ndarray], file: HardwareFile) -> dict[str, Any]:
     """How often a virtual robot's outputs left the range or were faster than allowed.
 
     Args:

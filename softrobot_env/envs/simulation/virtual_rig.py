@@ -1,4 +1,4 @@
-"""A twin of the rig as hardware sees it: pulses in, lengths, forces, voltages and pictures out."""
+"""A twin as hardware sees it: lengths in; lengths, forces, voltages and pictures out."""
 
 from math import ceil
 
@@ -23,27 +23,36 @@ SUPPLY = 6.0
 
 
 class VirtualRig:
-    """The simulated rig, advanced a few milliseconds at a time.
+    """The simulated rig, or another robot driven by length, advanced a few milliseconds at a time.
 
     Attributes:
         tick: [s] of an `advance`.
-        picture: Age [s] and tip (2,) [m] of the picture that the last `advance` made available, or
+        picture: Age [s] and tip (d,) [m] of the picture that the last `advance` made available, or
             None.
         stuck: Numbers of tendons whose servos do not move any more; to be changed by tests.
     """
 
-    def __init__(self, twin: Twin, tick: float = 0.001, seed: int = 0) -> None:
-        """A rig at rest, straight and pretensioned.
+    def __init__(
+        self,
+        twin: Twin,
+        tick: float = 0.001,
+        seed: int = 0,
+        axes: slice = TOP,
+        pieces: int | None = RIG_PIECES,
+    ) -> None:
+        """A robot at rest, straight and pretensioned.
 
         Args:
             twin: What is simulated, its servos and its camera included.
             tick: [s].
             seed: Of the noise of camera and sensors.
+            axes: Coordinates out of x, y and z that the camera sees.
+            pieces: Of the chain; as many as it needs if None.
         """
         self.twin, self.tick = twin, tick
         self.picture: tuple[float, ndarray] | None = None
         self.stuck: set[int] = set()
-        plant = MujocoPlant(twin.robot, tick, axes=TOP, pieces=RIG_PIECES)
+        plant = MujocoPlant(twin.robot, tick, axes=axes, pieces=pieces)
         self._simulation = simulation = plant.simulation({})
         self._servos = Servos.of(twin, tick)
         start = np.zeros(len(twin.robot.tendons))
@@ -53,7 +62,7 @@ class VirtualRig:
         simulation.reset(posture, self._servos.horn)
         self._readout = plant.readout(simulation, self._servos)
         late, self._rng = ceil(twin.camera_delay / tick - 1e-9), np.random.default_rng([seed, 1])
-        self._camera = Camera(twin.camera_noise, late, tick, seed=seed)
+        self._camera = Camera(twin.camera_noise, late, tick, len(range(3)[axes]), seed)
 
     def advance(self, command: ndarray | None) -> str | None:
         """Go on for a tick.
@@ -77,7 +86,7 @@ class VirtualRig:
 
     @property
     def tip(self) -> ndarray:
-        """Where the tip is, (2,) [m]."""
+        """Where the tip is, (d,) [m]."""
         return np.array(self._readout.tip)
 
     @property

@@ -19,6 +19,7 @@ from ..errors import (
     SessionLostError,
     UnansweredError,
 )
+from ..interface import FaultInfo, Reading
 from ..robot_file import RobotFile
 from . import messages as m
 from .messages import (
@@ -32,7 +33,7 @@ from .messages import (
     Reset,
     encode,
 )
-from .unit_conversion import FaultInfo, Reading, UnitConversion, faults, kind_of_fault
+from .unit_conversion import UnitConversion, faults, kind_of_fault
 
 _KEPT = 16  # readings
 _CLOCK, _SEQ = 1 << 32, 1 << 16

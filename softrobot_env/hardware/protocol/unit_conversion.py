@@ -1,11 +1,11 @@
 """Between SI units by tendon, and the whole numbers by channel of the board that messages carry."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
 
+from ..interface import FaultInfo, Reading
 from ..robot_file import RobotFile
 from .messages import (
     CLOCK_UNIT,
@@ -20,69 +20,6 @@ from .messages import (
 )
 
 _MILLI = 1e-3
-_THERE = 1.5 * LENGTH_UNIT
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A state message.
-
-    Attributes:
-        time: [s], when it arrived on the host's clock.
-        taken: [s], when it was sent by the host's clock, up to the delay of the quickest message
-            of the connection. A message that waited somewhere has been taken before it arrived.
-        device_time: [s] of the microcontroller's clock, which wraps after 4295 s.
-        seq: Last set-point of this session that it had accepted; None before the first.
-        round_trip: [s] from sending that set-point; None unless this reading was its first echo.
-        applied: (n,) [m], what the outputs were driven to.
-        length: (n,) [m], measured; as applied if the board cannot.
-        force: (n,) [N], zero if the board cannot.
-        adc: (4,) counts of the converter.
-        supply: [V].
-        state: What it is doing.
-        warnings: Does not stop it.
-        faults: What stopped it, in no order.
-    """
-
-    time: float
-    taken: float
-    device_time: float
-    seq: int | None
-    round_trip: float | None
-    applied: ndarray
-    length: ndarray
-    force: ndarray
-    adc: ndarray
-    supply: float
-    state: DeviceState
-    warnings: Warning
-    faults: tuple[Fault, ...]
-
-    def age(self, now: float) -> float:
-        """How old it is [s] at `now` [s] on the host's clock."""
-        return now - self.taken
-
-    def is_at(self, length: ndarray) -> bool:
-        """Whether the outputs have come to lengths (n,) [m], to the last count."""
-        return bool(np.abs(self.applied - length).max() < _THERE)
-
-
-@dataclass(frozen=True)
-class FaultInfo:
-    """The first cause of a stop.
-
-    Attributes:
-        code: What happened.
-        channel: Index of the tendon, or of the converter's channel; None if it concerns neither.
-        value: [m] that a servo is behind, [N] of a tendon, counts of the converter, [V] of the
-            supply, [s] of silence; None if unknown.
-        text: For people.
-    """
-
-    code: Fault
-    channel: int | None
-    value: float | None
-    text: str
 
 
 class _Report(NamedTuple):
