@@ -136,7 +136,7 @@ def test_bad_sources_are_refused():
     with pytest.raises(ValueError, match=r"offset \(2,\)"):
         SensorTip(np.zeros(3), np.zeros((2, 4)))
     assert set(TIP_SOURCES) == {"udp", "sensors", "natnet", "tags"}
-    with pytest.raises(ValueError, match="axes must be one of"):
+    with pytest.raises(ValueError, match="axes must be None or one of"):
         UdpTip(0, axes="xyw")
 
 
