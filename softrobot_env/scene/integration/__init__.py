@@ -4,6 +4,5 @@
 stretch of time, with its error), which takes the steps of `euler` with the `forces`, and of
 `period` (a control period, what servos do in it, a shadow's too, and what C code calls). `layout`
 says where things stand in what is passed and in MuJoCo's structures, `mujoco_functions` calls
-MuJoCo. `capstan` finds where tendons rub on their way, for `friction` in a step and, by `zones`,
-for statics. `probe` measures.
+MuJoCo. `probe` measures.
 """
