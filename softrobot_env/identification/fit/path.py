@@ -257,7 +257,10 @@ class _Run:
             x[model.unknowns.place("frame_turn").stop - 1] = self.assignment.turn
         show = partial(_shown, self.show, what)
         if begin is not None:
-            return model, fitted(model, begin.x, free, begin.weights, show)
+            rough = search(model, begin.x, free, begin.weights, least=_CLOSE, show=show)
+            if not least_squares.pays(begin, rough):
+                return model, rough
+            return model, fitted(model, rough.x, free, begin.weights, show)
         return model, _fitted(model, x, free, show)
 
     def fit_dynamics(self) -> bool:
