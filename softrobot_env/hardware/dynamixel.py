@@ -80,7 +80,7 @@ class Dynamixel(MotorBus):
         data, result, _ = self._packets.readTxRx(self.port, number, address, size)
         return bytes(data) if result == self._good and len(data) == size else None
 
-    def write_bytes(self, number: int, address: int, data: bytes) -> str:
+    def write_table(self, number: int, address: int, data: bytes) -> str:
         """See `MotorBus`."""
         result, error = self._packets.writeTxRx(self.port, number, address, len(data), [*data])
         if result != self._good:

@@ -90,7 +90,7 @@ class Feetech(MotorBus):
         data, result, _ = self._packets.readTxRx(number, address, size)
         return bytes(data) if result == self._good and len(data) == size else None
 
-    def write_bytes(self, number: int, address: int, data: bytes) -> str:
+    def write_table(self, number: int, address: int, data: bytes) -> str:
         """See `MotorBus`; errors of its state are not of writing."""
         result, _ = self._packets.writeTxRx(number, address, len(data), [*data])
         return "" if result == self._good else self._packets.getTxRxResult(result)

@@ -156,7 +156,7 @@ class MotorBus(ABC):
         """Bytes of a motor's table, None without a whole answer."""
 
     @abstractmethod
-    def write_bytes(self, number: int, address: int, data: bytes) -> str:
+    def write_table(self, number: int, address: int, data: bytes) -> str:
         """Write to a motor's table; why it failed, or nothing."""
 
     @abstractmethod
@@ -200,7 +200,7 @@ class MotorBus(ABC):
     def _put(self, number: int, name: str, value: float) -> None:
         register, error = self.registers[name], ""
         for _ in range(_TRIES):
-            error = self.write_bytes(number, register.address, self.coded(register, value))
+            error = self.write_table(number, register.address, self.coded(register, value))
             if not error:
                 return
         raise RobotError(f"motor {number} does not take {name} = {value:g}: {error}")

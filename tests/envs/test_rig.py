@@ -22,9 +22,10 @@ from softrobot_env.thesis.envs import RigEnv
 
 
 def test_what_a_lab_does_not_measure_is_not_observed_unless_asked_for():
-    unmeasured = {"curvature", "curvature_rate", "tendon_tension", "sensors"}
+    lacking = {"sensors", "motor_force", "anchor_tension"}
+    unmeasured = {"curvature", "curvature_rate", "tendon_tension", *lacking}
     assert set(RigEnv().observation_space) == set(OBSERVABLES) - unmeasured
-    assert set(rig().observation_space) == set(OBSERVABLES) - {"sensors"}
+    assert set(rig().observation_space) == set(OBSERVABLES) - lacking
     assert rig().observation_space == rig(twin=1).observation_space
 
 

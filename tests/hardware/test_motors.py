@@ -127,7 +127,7 @@ def test_stuffing_goes_both_ways():
     bench = MotorBench(motor_file("dynamixel"))
     value = 0x00FDFFFF
     data = value.to_bytes(4, "little")
-    assert bench.robot._bus.write_bytes(1, 116, data) == ""
+    assert bench.robot._bus.write_table(1, 116, data) == ""
     assert bytes(bench.device.motors[0].table[116:120]) == data
     assert bench.robot._bus.read_bytes(1, 116, 4) == data
 
