@@ -440,7 +440,7 @@ class RealEnv(gymnasium.Env[Seen, ndarray]):
         self._session.close()
 
 
-class RealRigEnv(RealEnv):
+class RealRigEnv(RealEnv, gymnasium.Env[Seen, ndarray]):
     """`RealEnv` of the test rig over a serial line: the contract of `RigEnv`.
 
     Attributes:

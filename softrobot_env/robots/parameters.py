@@ -372,6 +372,8 @@ class RobotParams:
                 f"{self.drive.most_let_out:.3g} m on a spool_radius of {self.drive.spool_radius:g} "
                 "m: take a larger one, or a thinner wire"
             )
+        if self.hardware == {}:
+            raise ValueError(f"robot {self.name!r}: hardware must be a table that is not empty")
         if not hypot(*self.precurvature) < self.curvature_limit:
             raise ValueError(
                 f"robot {self.name!r}: precurvature must stay below {self.curvature_limit:g} 1/m"

@@ -21,7 +21,8 @@ NUMBERS = [
     (kind, field.name)
     for kind in (*KINDS, _Place, _Cylinder)
     for field in fields(kind)
-    if field.name != "ends_at_section"  # one of those that there are
+    # One of those that there are; a table that the kind of hardware it names looks at.
+    if field.name not in ("ends_at_section", "hardware")
 ]
 
 

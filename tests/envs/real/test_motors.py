@@ -46,7 +46,8 @@ def test_a_policy_runs_over_motors_as_it_does_simulated(virtual):
     errors = [moment.info["error"] for moment in moments]
     missed = last["missed_steps"]
     if missed == 0:  # steps that a busy machine left out were not driven
-        assert abs(np.mean(errors) - simulated) < 1e-3
+        # A set point 68 mm away that motors hear of two periods later adds 1.4 mm in two seconds.
+        assert abs(np.mean(errors) - simulated) < 2e-3
 
 
 def test_an_observation_is_that_of_the_simulation_and_forces_are_estimated(virtual):
