@@ -19,7 +19,7 @@ WORKS = {
         "env.reset(seed=0)\n"
         "ids = [i for i in gymnasium.registry if i.startswith('SoftRobot/')]\n"
         "print(len(ids), 'softrobot_env.thesis' in __import__('sys').modules)",
-        "3 False",
+        "4 False",
     ),
     "names that it lacks": (
         "from softrobot_env import robots\nprint(hasattr(robots, 'ARM'), len(robots.ROBOTS))",
