@@ -7,15 +7,18 @@ import mujoco
 import numpy as np
 import pytest
 
-from softrobot_env.core.motion import State
-from softrobot_env.robots import CANTILEVER_WEAK, Load, Tendon
+from softrobot_env.robots import CANTILEVER_WEAK, Drive, Load, Tendon
 from softrobot_env.robots.tendons import FeedLine
+from softrobot_env.robots.twin import nominal_twin
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import is_swapped
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.integration.zones import Zones
+from softrobot_env.scene.servos import Servos
+from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.tangent import RubbingForces
+from studies.drive import energies
 from studies.truths.capstan import HangingRod
 
 LENGTH, DISTANCE, PULL = CANTILEVER_WEAK.length, 0.02, 40.0
@@ -215,46 +218,30 @@ def test_a_feed_line_turns_as_it_says():
     assert found == pytest.approx(np.full(12, 0.25), abs=1e-12)
 
 
+# ---------------------------------------------------------------- both ends
+
+
+@pytest.mark.parametrize("servo", [{}, {"gain": 2e4, "velocity_gain": 200.0, "reflected_mass": 0.5}])
+def test_a_tendon_that_is_wound_up_pulls_its_anchor_by_the_capstans_share(servo):
+    """By servos of any force, and by motors that move with the chain."""
+    tendon = line(stiffness=5e3, friction_coefficient=0.2)
+    robot = replace(CANTILEVER_WEAK, tendons=(tendon,), gravity=(0.0, 0.0, 0.0))
+    robot = replace(robot, drive=Drive("length", speed=0.02, **servo))
+    scene = build_scene(SceneConfig(robot, pieces=12, actuation="length"))
+    servos = Servos.of(nominal_twin(robot), scene.config.control_period)
+    simulation = Simulation(scene)
+    simulation.drive_by(servos)
+    simulation.reset(scene.model.qpos0, np.zeros(1))
+    servos.command[:] = 0.02
+    while simulation.time < 0.8:
+        assert simulation.advance()
+    tension = simulation.data.actuator_force[0]
+    turned = 0.2 * simulation.posture.sum() * 23 / 24  # up to the middle of the last segment
+    assert tension > 1.0
+    assert 1 - simulation.tension_lost[0] / tension == pytest.approx(np.exp(-turned), rel=5e-3)
+
+
 # ---------------------------------------------------------------- energy
-
-
-def energies(seed):
-    """Of a random robot that swings under constant commands (k,) [J], what its drives store too."""
-    rng = np.random.default_rng(seed)
-    actuation = ("tension", "length")[seed % 2]
-    guides = tuple(LENGTH * np.sort(rng.uniform(0.1, 0.9, 3))) if rng.random() < 0.5 else ()
-    tendons = tuple(
-        Tendon(
-            f"t{k}",
-            (0.02 * np.cos(angle), 0.02 * np.sin(angle)),
-            LENGTH,
-            0,
-            100.0,
-            guides=guides,
-            stiffness=2e3,
-            pretension=rng.uniform(1, 20),
-            friction_coefficient=rng.uniform(0, 0.5),
-            feed_line=FeedLine(rng.uniform(0, 3), 0.1) if rng.random() < 0.5 else None,
-        )
-        for k, angle in enumerate((0.0, 2.1, 4.2))
-    )
-    damping = rng.uniform(0.0, 3e-3)
-    robot = replace(CANTILEVER_WEAK, tendons=tendons, damping_time=damping)
-    scene = build_scene(SceneConfig(robot, pieces=3, actuation=actuation, bending="spatial"))
-    model = scene.model
-    start = State(rng.normal(0, 0.1, model.nq), rng.normal(0, 1.0, model.nv))
-    ctrl = rng.uniform(0, 20, 3) if actuation == "tension" else rng.uniform(0, 5e-3, 3)
-    motion = scene.simulate(1.0, ctrl, start, samples=0.01)
-    data, out = mujoco.MjData(model), []
-    for q, v in zip(motion.q, motion.v, strict=True):
-        data.qpos[:], data.qvel[:], data.ctrl[:] = q, v, ctrl
-        mujoco.mj_forward(model, data)
-        mujoco.mj_energyPos(model, data)
-        mujoco.mj_energyVel(model, data)
-        pull = data.actuator_force
-        stored = ctrl @ data.ten_length[:3] if actuation == "tension" else pull @ pull / 2 / 2e3
-        out.append(data.energy.sum() + stored)
-    return np.array(out)
 
 
 @pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")  # fast modes

@@ -9,8 +9,9 @@ from softrobot_env.compile.native import jit, making
 from . import articulated
 from . import mujoco_functions as mj
 from .articulated import Tree, tree_on, tree_size
-from .friction import Trial, dot, guess, pull, rub, trial_on, trial_size
+from .friction import Trial, guess, pull, rub, trial_on, trial_size
 from .layout import AT, RUBBING
+from .linear_algebra import dot, factorize
 from .motors import move, tension_after, turn
 from .mujoco_functions import assign, ints, reals
 
@@ -107,7 +108,6 @@ def euler_step(chain, forces, h, system, change):
     for u in range(unknowns, -1, -1):
         assign(system.trial.answers[u], answers[1 + springs + u])
     _act(chain.v, forces, h, system, change, unknowns)
-    assign(system.held[1], forces.grip)
 
 
 @jit
@@ -126,6 +126,7 @@ def _act(v, forces, h, system, change, unknowns):
         pull(system, springs, change)
     if forces.counts[1]:
         rub(v, forces, h, system, change, unknowns)
+    assign(system.held[1], forces.grip)
 
 
 @jit
@@ -189,24 +190,4 @@ def _couple_drives(forces, h, system):
         for k in range(s + 1):
             system.couplings[s, k] = dot(forces.pulls[k], system.answers[1 + s])
         system.couplings[s, s] += 1 / (h * h * system.yields[s])
-    _factorize(system.couplings, springs)
-
-
-# ---------------------------------------------------------------- linear algebra
-
-
-@jit
-def _factorize(matrix, n):
-    """Factors L' D L of (n, n), of which the lower half is given, in its place, from the last row.
-
-    L has ones on its diagonal, where the inverse of D is kept.
-    """
-    for i in range(n - 1, -1, -1):
-        inverse = 1 / matrix[i, i]
-        for j in range(i):
-            share = matrix[i, j] * inverse
-            for k in range(j + 1):
-                matrix[j, k] -= share * matrix[i, k]
-        for k in range(i):
-            matrix[i, k] *= inverse
-        matrix[i, i] = inverse
+    factorize(system.couplings, springs)

@@ -16,6 +16,7 @@ from softrobot_env.compile.native import jit, making
 
 from . import articulated
 from . import mujoco_functions as mj
+from .linear_algebra import dot, solve, substitute
 from .mujoco_functions import assign
 
 #: Guesses, before elements are balanced one by one; sweeps of that, or until all move by less than
@@ -110,7 +111,7 @@ def rub(v, forces, h, system, change, count):
         if number:
             count = _answer(forces, h, system)
         _fill_system(v, forces, h, system, change, count)
-        _solve(trial.matrix, trial.unknowns, count)
+        solve(trial.matrix, trial.unknowns, count)
         _add_up(change, count, trial)
         if _mend(v, forces, h, count, trial) == 0:
             break
@@ -276,6 +277,15 @@ def _give_way(forces, system, count):
 
 
 @jit
+def pull(system, springs, change):
+    """Let springs of drives act on a change (nv,), by the rates of their tendons in `impulses`."""
+    substitute(system.couplings, system.impulses, springs)
+    for s in range(springs):
+        for i in range(change.size):
+            change[i] -= system.impulses[s] * system.answers[1 + s, i]
+
+
+@jit
 def _fill_system(v, forces, h, system, change, count):
     """The linear system for the tensions of drives and the impulses that stick."""
     trial = system.trial
@@ -350,64 +360,3 @@ def _mend(v, forces, h, count, trial):
             forces.slide[name] = side
             wrong += 1
     return wrong
-
-
-# ---------------------------------------------------------------- linear algebra
-
-
-@jit
-def dot(a, b):
-    """Scalar product of (n,) and (n,)."""
-    total = 0.0
-    for i in range(a.size):
-        total += a[i] * b[i]
-    return total
-
-
-@jit
-def pull(system, springs, change):
-    """Let springs of drives act on a change (nv,), by the rates of their tendons in `impulses`."""
-    substitute(system.couplings, system.impulses, springs)
-    for s in range(springs):
-        for i in range(change.size):
-            change[i] -= system.impulses[s] * system.answers[1 + s, i]
-
-
-@jit
-def substitute(factor, x, n):
-    """x (n,) becomes the solution, by the factors of `euler._factorize`."""
-    for i in range(n - 1, -1, -1):
-        for k in range(i):
-            x[k] -= factor[i, k] * x[i]
-    for i in range(n):
-        rest = x[i] * factor[i, i]
-        for k in range(i):
-            rest -= factor[i, k] * x[k]
-        x[i] = rest
-
-
-@jit
-def _solve(matrix, x, n):
-    """x (n,) becomes the solution for a matrix (n, n), which is lost; 0 where it is singular."""
-    for i in range(n):
-        best = i
-        for k in range(i + 1, n):
-            if abs(matrix[k, i]) > abs(matrix[best, i]):
-                best = k
-        if best != i:
-            x[i], x[best] = x[best], x[i]
-            for j in range(n):
-                matrix[i, j], matrix[best, j] = matrix[best, j], matrix[i, j]
-        if matrix[i, i] == 0:
-            continue
-        for k in range(i + 1, n):
-            share = matrix[k, i] / matrix[i, i]
-            if share != 0:
-                for j in range(i + 1, n):
-                    matrix[k, j] -= share * matrix[i, j]
-                x[k] -= share * x[i]
-    for i in range(n - 1, -1, -1):
-        rest = x[i]
-        for j in range(i + 1, n):
-            rest -= matrix[i, j] * x[j]
-        x[i] = rest / matrix[i, i] if matrix[i, i] != 0 else 0.0
