@@ -221,7 +221,9 @@ def test_a_feed_line_turns_as_it_says():
 # ---------------------------------------------------------------- both ends
 
 
-@pytest.mark.parametrize("servo", [{}, {"gain": 2e4, "velocity_gain": 200.0, "reflected_mass": 0.5}])
+@pytest.mark.parametrize(
+    "servo", [{}, {"gain": 2e4, "velocity_gain": 200.0, "reflected_mass": 0.5}]
+)
 def test_a_tendon_that_is_wound_up_pulls_its_anchor_by_the_capstans_share(servo):
     """By servos of any force, and by motors that move with the chain."""
     tendon = line(stiffness=5e3, friction_coefficient=0.2)
