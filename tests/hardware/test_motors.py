@@ -139,7 +139,7 @@ def test_homing_finds_where_tendons_are_taut(kind):
     bench = MotorBench(file.jogged())
     for one, slack in zip(bench.device.motors, (0.0, -2e-3, -6e-3), strict=True):
         one.length = slack
-    bench.run(0.01)
+    bench.run_for(0.01)
     bench.robot.connect()
     bench.robot.arm()
     zero = home(bench.robot)

@@ -52,6 +52,10 @@ class Line:
         self._count = 0
         self._due = b""
 
+    def packet(self, data: bytes, now: float) -> None:
+        """A whole packet of another protocol enters at `now` [s]."""
+        self._harm(data, now)
+
     def put(self, data: bytes, now: float) -> None:
         """Bytes enter, cut anywhere, at `now` [s]."""
         *frames, self._rest = (self._rest + data).split(b"\0")

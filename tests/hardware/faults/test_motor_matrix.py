@@ -1,17 +1,46 @@
-"""What goes wrong on a bus of motors, on emulators of both kinds and a clock of their own.
+"""Everything that can go wrong between host and motors, and what must happen then, of every kind.
 
-In every case both promises are witnessed: outputs stay within range and speed, and nothing moves
-when a dead host or line has been so for longer than the watchdog and the step under way.
+| fault | what must happen | tests |
+|---|---|---|
+| byte corruption | dropped, counted; goes on | any_harm_*[corrupt], bus_noise_* |
+| frames dropped, shortly | motors hold; goes on | any_harm_*[drop], a_short_silence_* |
+| frames dropped, longer | host stops; motors hold | packets_that_are_lost_*, answers_that_* |
+| duplicated | ignored: a goal again is the same goal | any_harm_*[duplicate], copies_* |
+| reordered, delayed | motors cannot tell: inside range and speed, for as long as they were late, and the next goal corrects it | late_packets_* |
+| truncated | the next packet is intact | any_harm_*[truncate] |
+| split | put together | any_harm_*[split] |
+| garbage flood | bounded memory, no motion, recovery | garbage_alone_*, a_flood_* |
+| disconnect in an episode | truncated in time; reset refuses; motors hold | a_line_unplugged_*, L: a_lost_line_* |
+| slow host | missed steps are counted; beyond the watchdog it is stopped | a_host_that_slept_*, L: a_slow_host_* |
+| slow or stalled device | named; what waited is followed for as long as it was late | motors_that_slept_* |
+| brown-out, reboot in motion | named, stopped, disarmed | a_motor_that_starts_anew_*, a_voltage_dip |
+| another maker's motor | refused by name; never armed | a_model_without_current_* |
+| stuck motor | named; the others ramp | a_stuck_motor |
+| encoder at fault | named, at once | an_encoder_that_fails |
+| peer not reading | write gives up; motors hold | a_peer_that_takes_nothing |
+| SIGKILL, SIGSTOP, SIGTERM | V: motors_of_a_host_that_dies_* | a_dead_host_* |
+| exception in a step, Ctrl-C | emergency stop: torque off | L: an_exception_* |
+| overload, overheating, too much current | named, stopped, not cleared while it lasts | an_overload_*, a_cause_that_lasts_*, overheating_*, too_much_current_* |
+| one motor silent | named; the others ramp down | one_silent_motor_* |
+| wrong id, duplicate id | named, with those that answer; never armed | a_wrong_id_*, a_number_that_*, a_second_motor_* |
+
+Tests of this file have a virtual clock. L is `test_live_motors.py`, V `test_virtual_motors.py`, both in
+real time. In every test of this file and of L a witness asserts at each pass of the motors' programs that
+outputs stay within range and speed, and that nothing moves when the host has sent no goals for the watchdog's
+time and a period; `test_witness.py` shows that it notices.
 """
 
+import tracemalloc
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.motor_bench import MotorBench, motor_file
+from support.rough_lines import Harm
 
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotError, RobotFaultError
-from softrobot_env.hardware.motors import MotorFault, MotorRobot
+from softrobot_env.hardware.motors import MotorFault
 from softrobot_env.hardware.protocol.messages import Fault
 
 pytest.importorskip("dynamixel_sdk", reason="needs the robot extra")
@@ -26,12 +55,24 @@ def kind(request):
 
 
 @pytest.fixture
-def bench(kind):
+def made():
+    """Makes benches, whose witnesses are asked at the end."""
+    benches = []
+
+    def make(file):
+        benches.append(MotorBench(file))
+        return benches[-1]
+
+    yield make
+    assert [bench.witness.unsafe for bench in benches] == [[]] * len(benches) != []
+
+
+@pytest.fixture
+def bench(kind, made):
     """Three motors that have moved, and still shall."""
-    bench = MotorBench(motor_file(kind)).start()
+    bench = made(motor_file(kind)).start()
     bench.go(0.01, 0.4)
-    yield bench
-    assert bench.witness.unsafe == []
+    return bench
 
 
 def moving(bench):
@@ -48,7 +89,7 @@ def fails(bench, code, text, within=0.5):
             bench.go(-0.005, bench.file.control_period)
     assert bench.robot.fault.code == code
     frozen = bench.device.applied.copy()
-    bench.run(0.05)
+    bench.run_for(0.05)
     np.testing.assert_allclose(bench.device.applied, frozen, atol=1e-3)
     with pytest.raises(RobotFaultError):
         bench.robot.exchange(np.zeros(3), bench.now)
@@ -59,7 +100,7 @@ def fails(bench, code, text, within=0.5):
 def assert_still(bench, since):
     """Nothing moves from `since` [s] after now on; the motors hold where they are."""
     end = bench.now + since
-    bench.run(since + 1.0)
+    bench.run_for(since + 1.0)
     assert bench.witness.moved <= end
     assert np.abs(bench.device.applied).max() > 1e-4  # not at rest: held on the way
 
@@ -77,14 +118,14 @@ def test_set_points_are_followed_and_a_stop_ramps_to_rest_and_relaxes(bench):
     bench.go(0.002, 0.2)
 
 
-def test_motors_hold_at_the_end_of_a_stop_where_the_file_says_so(kind):
-    bench = MotorBench(motor_file(kind, at_stop="hold")).start()
+def test_motors_hold_at_the_end_of_a_stop_where_the_file_says_so(kind, made):
+    bench = made(motor_file(kind, at_stop="hold")).start()
     bench.go(0.005, 0.2)
     bench.robot.close()
     assert bench.device.powered and bench.closed == 1
-    bench.run(2.0)
+    bench.run_for(2.0)
     np.testing.assert_allclose(bench.device.applied, 0.0, atol=1e-4)
-    again = MotorRobot(bench.file, bench, type(bench.robot._bus), lambda: bench.now, bench.run)
+    again = bench.host()
     bench.closed = 0
     again.connect()
     again.arm()
@@ -115,7 +156,7 @@ def test_a_dead_host_leaves_motors_that_hold(bench):
 def test_a_host_that_slept_is_stopped_and_never_arms_by_itself(bench):
     moving(bench)
     held = bench.device.applied.copy()
-    bench.run(0.3)
+    bench.run_for(0.3)
     fails(bench, Fault.WATCHDOG, r"no set-point for 0\.3")
     np.testing.assert_allclose(bench.device.applied, held, atol=1.5e-3)
     bench.robot.stop()
@@ -135,6 +176,129 @@ def test_a_line_unplugged_in_motion(bench):
     assert_still(bench, bench.file.watchdog + bench.file.control_period)
 
 
+def test_a_peer_that_takes_nothing(bench):
+    moving(bench)
+    bench.taken = False
+    with pytest.raises(LinkError, match="nobody takes"):
+        bench.go(-0.01, 0.1)
+    assert_still(bench, 0.0)
+
+
+HARM = {
+    "corrupt": {"corrupt": 0.1},
+    "drop": {"drop": 0.1},
+    "truncate": {"truncate": 0.1},
+    "duplicate": {"duplicate": 0.2},
+    "split": {"piece": 64},
+}
+
+
+@pytest.mark.parametrize("name", HARM)
+def test_any_harm_is_survived_and_counted(kind, name, made):
+    bench = made(motor_file(kind, patience=0.5)).start()
+    bench.harm(**HARM[name])
+    for target in (0.01, -0.01, 0.005):
+        bench.go(target, 0.5)
+    done = bench.up.done[name], bench.down.done[name]
+    assert min(done) > 0 or name == "split"
+    bench.harm()
+    bench.go(0.005, 0.5)
+    np.testing.assert_allclose(bench.device.applied, 0.005, atol=1e-4)
+    assert bench.robot.fault is None
+    assert bench.robot.link["lost"] > 0 or name in ("duplicate", "split")
+
+
+def test_packets_that_are_lost_for_longer_leave_motors_that_hold(bench):
+    moving(bench)
+    bench.up.harm = Harm(drop=1.0)
+    with pytest.raises(RobotFaultError, match="does not answer"):
+        bench.go(-0.01, 0.5)
+    assert_still(bench, bench.file.watchdog + bench.file.control_period)
+
+
+def test_answers_that_are_lost_for_longer_stop_the_robot(bench):
+    moving(bench)
+    bench.down.harm = Harm(drop=1.0)
+    with pytest.raises(RobotFaultError, match="does not answer"):
+        bench.go(-0.01, 0.5)
+    with pytest.raises(RobotError, match="does not take torque = 0"):
+        bench.robot.stop()
+    np.testing.assert_allclose(bench.device.applied, 0.0, atol=1e-4)
+    assert not bench.device.powered  # they hear
+
+
+def test_copies_of_a_goal_move_nothing(bench):
+    """Although they may keep a motor's own watchdog from biting."""
+    bench.up.harm = Harm(duplicate=1.0, copies=40, held=bench.file.control_period)
+    bench.go(0.0095, bench.file.control_period)
+    bench.up.harm = Harm()
+    assert_still(bench, bench.file.watchdog + bench.file.control_period)
+    np.testing.assert_allclose(bench.device.applied, 0.0095, atol=6e-4)
+
+
+def test_late_packets_lead_no_farther_than_they_are_late(kind, made):
+    bench = made(motor_file(kind, patience=0.5)).start()
+    bench.up.harm, bench.witness.late = Harm(delay=0.3, held=0.05), 0.05
+    for target in (0.01, -0.01, 0.005):
+        bench.go(target, 0.5)
+    bench.up.harm = Harm()
+    bench.go(0.005, 0.5)
+    assert bench.up.done["delay"] > 10 and bench.robot.fault is None
+    np.testing.assert_allclose(bench.device.applied, 0.005, atol=1e-4)
+
+
+def test_motors_that_slept_are_named_and_follow_what_waited(bench):
+    """Motors know no age: they go where the host froze them, and not beyond."""
+    moving(bench)
+    before, bench.asleep = bench.device.applied.copy(), True
+    with pytest.raises(RobotFaultError, match="does not answer"):
+        bench.go(-0.01, 0.5)
+    bench.run_for(0.3)
+    bench.asleep, bench.witness.late = False, 0.5
+    bench.run_for(0.5)
+    file = bench.file
+    patience = file.patience + 3 * file.control_period
+    assert np.abs(bench.device.applied - before).max() <= file.slew * patience
+    assert bench.now - bench.witness.moved > 0.3
+
+
+def test_a_flood_needs_no_memory_and_passes(bench):
+    moving(bench)
+    bench.harm(garbage=1000)
+    tracemalloc.start()
+    with suppress(RobotFaultError, LinkError):  # answers may be found between
+        bench.go(0.0, 0.6)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 2**21
+    bench.harm()
+    bench.robot.stop()
+    bench.robot.clear()
+    bench.robot.connect()
+    bench.robot.arm()
+    bench.go(0.005, 0.5)
+    np.testing.assert_allclose(bench.device.applied, 0.005, atol=1e-4)
+
+
+def test_a_model_without_current_is_refused(kind, made):
+    bench = made(motor_file(kind))
+    one = bench.device.motors[1]
+    at = one.table.index(bench.device.model.to_bytes(2, "little"))
+    one.table[at : at + 2] = (4242).to_bytes(2, "little")
+    if kind == "dynamixel":
+        bench.device._introduction = lambda one: bytes(one.table[:2]) + b"\x2e"
+    with pytest.raises(RobotError, match="motor 2, model 4242, has no current"):
+        bench.robot.connect()
+    bench.run_for(0.1)
+    assert not bench.device.powered
+
+
+def test_an_encoder_that_fails(bench):
+    (bit,) = (b for b, (_, text) in bench.device.kind.bits.items() if "encoder" in text)
+    bench.device.motors[2].errors |= 1 << bit
+    fails(bench, MotorFault.BROKEN, r"motor 3 \(tendon c\) reports that its encoder fails")
+
+
 def test_one_silent_motor_is_named_and_the_others_ramp_down(bench):
     bench.device.motors[1].silent = True
     fails(bench, MotorFault.SILENT, r"motor 2 \(tendon b\) does not answer")
@@ -152,37 +316,36 @@ def test_a_short_silence_is_counted_and_the_robot_goes_on(bench):
     assert bench.robot.link["lost"] >= 1 and bench.robot.fault is None
 
 
-def test_bus_noise_is_dropped_and_counted(kind):
-    bench = MotorBench(motor_file(kind, patience=0.5)).start()
+def test_bus_noise_is_dropped_and_counted(kind, made):
+    bench = made(motor_file(kind, patience=0.5)).start()
     bench.device.noise = 2e-4
     for target in (0.01, -0.01, 0.005):
         bench.go(target, 0.6)
-    assert bench.robot.link["lost"] > 0 and bench.witness.unsafe == []
+    assert bench.robot.link["lost"] > 0
 
 
-def test_garbage_alone_moves_nothing(kind):
-    bench = MotorBench(motor_file(kind))
+def test_garbage_alone_moves_nothing(kind, made):
+    bench = made(motor_file(kind))
     noise = np.random.default_rng(0)
     for _ in range(200):
         bench.device.receive(noise.bytes(1000))
-        bench.run(2e-3)
+        bench.run_for(2e-3)
     assert len(bench.device._received) <= 4096 and not bench.device.powered
     bench.device._received.clear()
     bench.start()
     bench.go(0.005, 0.3)
-    assert bench.witness.unsafe == []
 
 
-def test_a_wrong_id_is_named_with_those_that_answer(kind):
-    bench = MotorBench(motor_file(kind))
+def test_a_wrong_id_is_named_with_those_that_answer(kind, made):
+    bench = made(motor_file(kind))
     bench.device.put(bench.device.motors[2], "id", 9)
     with pytest.raises(LinkError, match=r"motor 3 \(tendon c\).*those that answer: 1, 2, 9"):
         bench.robot.connect()
     assert not bench.device.powered
 
 
-def test_a_number_that_two_motors_have(kind):
-    bench = MotorBench(motor_file(kind))
+def test_a_number_that_two_motors_have(kind, made):
+    bench = made(motor_file(kind))
     bench.device.put(bench.device.motors[2], "id", 2)
     with pytest.raises(RobotError, match="motor 3"):
         bench.robot.connect()
@@ -211,7 +374,7 @@ def test_a_cause_that_lasts_cannot_be_cleared(bench):
     bench.robot.stop()
     with pytest.raises((RefusedError, LinkError)):
         bench.robot.clear()
-        bench.run(0.2)
+        bench.run_for(0.2)
         bench.robot.clear()
     assert not bench.device.motors[0].was_on
 
@@ -223,13 +386,13 @@ def test_overheating_below_the_motors_own_limit(bench):
     fails(bench, MotorFault.OVERHEATED, "motor 3.*75 °C hot")
 
 
-def test_too_much_current_that_lasts(kind):
+def test_too_much_current_that_lasts(kind, made):
     file = motor_file(kind)
     weak = tuple(replace(m, max_current=0.08) for m in file.motors)
-    bench = MotorBench(replace(file, motors=weak)).start()
+    bench = made(replace(file, motors=weak)).start()
     with pytest.raises(RobotFaultError, match=r"takes 0\.\d+ A"):
         bench.go(0.015, 1.0)
-    assert bench.robot.fault.code == Fault.FORCE and bench.witness.unsafe == []
+    assert bench.robot.fault.code == Fault.FORCE
 
 
 def test_a_voltage_dip(bench):
@@ -251,7 +414,7 @@ def test_a_motor_that_starts_anew_in_motion(bench):
         while bench.now < begin + 1.0:
             bench.go(-0.01, 0.02)
     assert bench.robot.fault.code in (MotorFault.SILENT, MotorFault.RESTARTED)
-    bench.run(0.2)  # until it is back
+    bench.run_for(0.2)  # until it is back
     bench.robot.stop()
     bench.robot.clear()
     bench.robot.connect()
@@ -262,15 +425,15 @@ def test_a_motor_that_starts_anew_in_motion(bench):
 
 def test_an_emergency_stop_cuts_and_latches(bench):
     bench.robot.estop()
-    assert not bench.device.powered or bench.run(0.01) or not bench.device.powered
+    assert not bench.device.powered or bench.run_for(0.01) or not bench.device.powered
     with pytest.raises(RobotFaultError, match="emergency stop"):
         bench.go(0.0, 0.02)
     bench.robot.clear()
     assert bench.robot.fault is None and not bench.device.powered
 
 
-def test_far_outside_the_range_nothing_is_armed(kind):
-    bench = MotorBench(motor_file(kind))
+def test_far_outside_the_range_nothing_is_armed(kind, made):
+    bench = made(motor_file(kind))
     for one in bench.device.motors:
         one.length = 0.025
     bench.witness.high[:] = 0.03
@@ -280,23 +443,23 @@ def test_far_outside_the_range_nothing_is_armed(kind):
     assert not bench.device.powered
 
 
-def test_dynamixels_watchdog_holds_them_and_refuses_goals_until_it_is_reset():
-    bench = MotorBench(motor_file("dynamixel")).start()
+def test_dynamixels_watchdog_holds_them_and_refuses_goals_until_it_is_reset(made):
+    bench = made(motor_file("dynamixel")).start()
     bench.go(0.01, 0.4)
     moving(bench)
-    bench.run(0.3)
+    bench.run_for(0.3)
     held = bench.device.applied.copy()
     bench.robot._bus.write([5.0] * 3)  # another program's goal
-    bench.run(0.3)
+    bench.run_for(0.3)
     np.testing.assert_array_equal(bench.device.applied, held)
     state = bench.robot._bus.read()[0]
     assert state.expired and state.powered
 
 
-def test_two_motors_of_a_tendon_share_it(kind):
+def test_two_motors_of_a_tendon_share_it(kind, made):
     file = motor_file(kind)
     twice = replace(file.motors[0], id=7, direction=-1)
-    bench = MotorBench(replace(file, motors=(*file.motors, twice))).start()
+    bench = made(replace(file, motors=(*file.motors, twice))).start()
     bench.go(0.01, 0.4)
     assert bench.robot.reading.length == pytest.approx([0.01] * 3, abs=1e-4)
     assert bench.robot.reading.force == pytest.approx([10.0] * 3, abs=0.5)

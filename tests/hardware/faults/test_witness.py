@@ -2,6 +2,7 @@
 
 import pytest
 from support.hardware_boards import PASS, Bench, Board
+from support.motor_bench import MotorBench, motor_file
 from support.output_witness import WatchedCore
 
 from softrobot_env.hardware.robot_file import virtual_file
@@ -86,3 +87,28 @@ def test_a_robot_that_stays_where_it_is_does_no_wrong(bench):
     stays = bench.board.core.outputs.applied
     bench.board.core.lie = lambda out: at(out, stays)
     bench.run(0.3)
+
+
+# ---------------------------------------------------------------- of motors
+
+
+@pytest.fixture
+def motors():
+    """Moved by a host that is quiet from now on."""
+    pytest.importorskip("dynamixel_sdk", reason="needs the robot extra")
+    bench = MotorBench(motor_file("dynamixel")).start()
+    bench.go(0.01, 0.4)
+    bench.run_for(0.3)
+    assert bench.witness.unsafe == []
+    return bench
+
+
+@pytest.mark.parametrize(
+    ("step", "complaint"),
+    [(6e-5, "moved at"), (1.5e-4, "too fast"), (0.011, "out of range")],
+    ids=["moves", "too fast", "outside"],
+)
+def test_a_motor_that_does_what_it_must_not_is_noticed(motors, step, complaint):
+    motors.device.motors[1].length += step
+    motors.run_for(2 * PASS)
+    assert any(complaint in text for text in motors.witness.unsafe)
