@@ -2,32 +2,32 @@
 
 | fault | what must happen | tests |
 |---|---|---|
-| byte corruption | dropped, counted; goes on | any_harm_*[corrupt], bus_noise_* |
-| frames dropped, shortly | motors hold; goes on | any_harm_*[drop], a_short_silence_* |
+| byte corruption | dropped, counted; goes on | any_harm_*, bus_noise_* |
+| frames dropped, shortly | motors hold; goes on | any_harm_*, a_short_silence_* |
 | frames dropped, longer | host stops; motors hold | packets_that_are_lost_*, answers_that_* |
-| duplicated | ignored: a goal again is the same goal | any_harm_*[duplicate], copies_* |
-| reordered, delayed | motors cannot tell: inside range and speed, for as long as they were late, and the next goal corrects it | late_packets_* |
-| truncated | the next packet is intact | any_harm_*[truncate] |
-| split | put together | any_harm_*[split] |
+| duplicated | a goal again is the same goal | any_harm_*, copies_* |
+| reordered, delayed | motors cannot tell: see there | late_packets_* |
+| truncated | the next packet is intact | any_harm_* |
+| split | put together | any_harm_* |
 | garbage flood | bounded memory, no motion, recovery | garbage_alone_*, a_flood_* |
-| disconnect in an episode | truncated in time; reset refuses; motors hold | a_line_unplugged_*, L: a_lost_line_* |
-| slow host | missed steps are counted; beyond the watchdog it is stopped | a_host_that_slept_*, L: a_slow_host_* |
-| slow or stalled device | named; what waited is followed for as long as it was late | motors_that_slept_* |
-| brown-out, reboot in motion | named, stopped, disarmed | a_motor_that_starts_anew_*, a_voltage_dip |
+| disconnect in an episode | truncated; reset refuses; motors hold | a_line_unplugged_*, L |
+| slow host | counted; stopped beyond the watchdog | a_host_that_slept_*, L |
+| slow or stalled device | named; follows what waited, no farther | motors_that_slept_* |
+| brown-out, reboot in motion | named, stopped, disarmed | a_motor_that_starts_*, a_voltage_dip |
 | another maker's motor | refused by name; never armed | a_model_without_current_* |
 | stuck motor | named; the others ramp | a_stuck_motor |
 | encoder at fault | named, at once | an_encoder_that_fails |
 | peer not reading | write gives up; motors hold | a_peer_that_takes_nothing |
-| SIGKILL, SIGSTOP, SIGTERM | V: motors_of_a_host_that_dies_* | a_dead_host_* |
-| exception in a step, Ctrl-C | emergency stop: torque off | L: an_exception_* |
-| overload, overheating, too much current | named, stopped, not cleared while it lasts | an_overload_*, a_cause_that_lasts_*, overheating_*, too_much_current_* |
+| SIGKILL, SIGSTOP, SIGTERM | still in the watchdog's time | a_dead_host_*, V |
+| exception, Ctrl-C | emergency stop: torque off | L |
+| overload, heat, current | named, stopped, not cleared while there | an_overload_*, a_cause_*, ... |
 | one motor silent | named; the others ramp down | one_silent_motor_* |
-| wrong id, duplicate id | named, with those that answer; never armed | a_wrong_id_*, a_number_that_*, a_second_motor_* |
+| wrong id, duplicate id | named; never armed | a_wrong_id_*, a_number_*, a_second_* |
 
-Tests of this file have a virtual clock. L is `test_live_motors.py`, V `test_virtual_motors.py`, both in
-real time. In every test of this file and of L a witness asserts at each pass of the motors' programs that
-outputs stay within range and speed, and that nothing moves when the host has sent no goals for the watchdog's
-time and a period; `test_witness.py` shows that it notices.
+Tests of this file have a virtual clock. L is `test_live_motors.py`, V `test_virtual_motors.py`,
+both in real time. In every test of this file and of L a witness asserts, as the motors' programs
+go on, that outputs stay within range and speed, and that nothing moves when the host has sent no
+goals for the watchdog's time and a period; `test_witness.py` shows that it notices.
 """
 
 import tracemalloc
