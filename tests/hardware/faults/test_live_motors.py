@@ -1,4 +1,4 @@
-"""Episodes of a real robot over emulated motors in memory, in real time; see `test_motor_matrix`."""
+"""Episodes of a real robot over motors in memory, in real time; see `test_motor_matrix`."""
 
 from contextlib import closing
 from copy import copy
