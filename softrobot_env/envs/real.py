@@ -31,10 +31,16 @@ from softrobot_env.hardware.errors import (
 from softrobot_env.hardware.interface import Hardware, HardwareFile
 from softrobot_env.hardware.motor_file import MotorFile
 from softrobot_env.hardware.protocol.messages import Fault
-from softrobot_env.hardware.registry import find_hardware, hardware_of, open_hardware, with_port
+from softrobot_env.hardware.registry import (
+    find_hardware,
+    hardware_of,
+    kind_of,
+    open_hardware,
+    with_port,
+)
 from softrobot_env.hardware.robot_file import RobotFile, rig_file
 from softrobot_env.hardware.tip import TipMeasurement, TipSource, make_tip_source
-from softrobot_env.hardware.transport import SerialTransport, Transport
+from softrobot_env.hardware.transport import Transport
 from softrobot_env.robots import LENGTH_SCALE, entry_of, usual_task
 from softrobot_env.scene.config import DEFAULT_RULE
 from softrobot_env.scene.quadrature import place_hinges
@@ -109,7 +115,10 @@ class RealParts(EnvParts):
                 f'"length" in its file, it is driven by {task.robot.drive.kind}'
             )
         if any(task.start_input):
-            raise ValueError(f"task {task.label!r} does not start with all tendons at length zero")
+            raise ValueError(
+                f"task {task.label!r} does not start with all tendons at length zero; a real robot "
+                "begins where its tendons are let out, and nobody drives it before the first step"
+            )
         self.file = _choose_file(config, task)
         period, observe = config.control_period, config.observe
         super().__init__(config, task, self.file.control_period if period is None else period)
@@ -256,7 +265,7 @@ class RealEnv(gymnasium.Env[Seen, ndarray]):
         self._parts = parts = RealParts(config)
         parts.show_in(self)
         file = parts.file
-        line = config.line or (lambda: SerialTransport(file.port, file.baud))
+        line = config.line or (lambda: kind_of(file).open(file))
         self._session = RealSession(file, line, tip)
         self._clock = StepClock(self.control_period)
         self._running, self._fault = False, None

@@ -14,7 +14,7 @@ _COUNT = 2 * pi / 4096  # rad
 _RPM = 0.229 * 2 * pi / 60  # rad/s
 
 #: Value of the register "mode" by that of the file.
-_MODES = {"position": 3, "extended_position": 4, "current_position": 5}
+MODES = {"position": 3, "extended_position": 4, "current_position": 5}
 
 #: Instruction of a reboot.
 REBOOT = 8
@@ -31,6 +31,8 @@ class Dynamixel(MotorBus):
         "mode": Register(11, 1),
         "temperature_limit": Register(31, 1),
         "current_limit": Register(38, 2),
+        "maximum": Register(48, 4),
+        "minimum": Register(52, 4),
         "torque": Register(64, 1),
         "error": Register(70, 1),
         "watchdog": Register(98, 1, 0.02, True),
@@ -111,13 +113,18 @@ class Dynamixel(MotorBus):
         self._packets.reboot(self.port, number)
 
     def settings(self, motor: Motor, ampere: float) -> dict[str, float]:
-        """See `MotorBus`; the mode comes before what it sets back."""
+        """See `MotorBus`; the mode comes before what it sets back.
+
+        Motors keep a range only in the mode `position`.
+        """
         wanted: dict[str, Any] = {
             "return_delay": 0.0,
-            "mode": _MODES[self.file.mode],
+            "mode": MODES[self.file.mode],
             "temperature_limit": motor.max_temperature,
             "speed": _RPM * ceil(self.file.slew / motor.spool_radius / _RPM),
         }
+        if self.file.mode == "position":
+            wanted |= self.limits(motor)
         if motor.max_current and ampere:
             wanted["current_limit"] = round(motor.max_current / ampere)
             if self.file.mode == "current_position":

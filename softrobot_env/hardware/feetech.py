@@ -115,11 +115,11 @@ class Feetech(MotorBus):
         self._put(motor.id, "lock", 1)
 
     def settings(self, motor: Motor, ampere: float) -> dict[str, float]:
-        """See `MotorBus`; without ends of its range a motor turns many times."""
+        """See `MotorBus`; a motor turns many times where both ends of its range are zero."""
+        ends = {"minimum": 0, "maximum": 0}
         wanted = {
             "return_delay": 0.0,
-            "minimum": 0,
-            "maximum": 4095 if self.file.mode == "position" else 0,
+            **(self.limits(motor) if self.file.mode == "position" else ends),
             "temperature_limit": motor.max_temperature,
             "mode": 0,
             "speed": _COUNT * ceil(self.file.slew / motor.spool_radius / _COUNT),

@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import IntEnum
-from math import pi
+from math import ceil, floor, pi
 from time import monotonic, sleep
 from typing import Any, ClassVar, NamedTuple
 
@@ -219,7 +219,7 @@ class MotorBus(ABC):
             model = next(filter(None, (self.ping(motor.id) for _ in range(_TRIES))), None)
             if model is None:
                 raise LinkError(self._missing(motor))
-            name, ampere = self.models.get(model, (f"model {model}", 0.0))
+            name, ampere = self._named(model)
             if not ampere and (motor.max_current or self.file.mode == "current_position"):
                 raise RobotError(
                     f"motor {motor.id}, {name}, has no current in A: max_current_a = 0"
@@ -240,12 +240,26 @@ class MotorBus(ABC):
                 self._put(motor.id, name, value)
 
     def _missing(self, motor: Motor) -> str:
-        there = [n for n in range(1, 21) if self.ping(n) is not None]
         return (
             f"motor {motor.id} (tendon {motor.tendon}) does not answer at {self.file.port} with "
             f"{self.file.baud} baud, or two motors have its number; those that answer: "
-            f"{', '.join(map(str, there)) or 'none'}"
+            f"{', '.join(map(str, self.present())) or 'none'}"
         )
+
+    def present(self) -> dict[int, str]:
+        """Numbers that answer, of the first twenty, and their models' names."""
+        found = {number: self.ping(number) for number in range(1, 21)}
+        return {k: self._named(model)[0] for k, model in found.items() if model is not None}
+
+    def _named(self, model: int) -> tuple[str, float]:
+        return self.models.get(model, (f"model {model}", 0.0))
+
+    def limits(self, motor: Motor) -> dict[str, float]:
+        """A motor's range within a turn, in whole counts of its registers, as it keeps it itself."""
+        ends = [
+            motor.angle(x) / self.registers["goal"].unit for x in (motor.minimum, motor.maximum)
+        ]
+        return {"minimum": floor(min(ends)), "maximum": min(ceil(max(ends)), self.turn - 1)}
 
     def power(self, on: bool) -> None:
         """Switch all torque on or off; every motor is asked, also where another one fails."""

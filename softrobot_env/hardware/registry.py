@@ -1,6 +1,7 @@
 """Kinds of hardware by name: how a table `[hardware]` is read, driven, and emulated."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,9 +13,22 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.robots.file import read_robot
 
 from .interface import Hardware, HardwareFile
-from .motor_file import MotorFile, read_motors
-from .robot_file import RobotFile, read_robot_file, robot_from_table, write_robot_file
+from .motor_file import Motor, MotorFile, read_motors
+from .robot_file import (
+    RobotFile,
+    read_robot_file,
+    robot_from_table,
+    tip_from,
+    write_robot_file,
+)
 from .transport import SerialTransport, Transport
+
+
+_LATENCY = 0.02  # s, of a converter that nobody has set up
+
+
+def _serial(file: HardwareFile) -> Transport:
+    return SerialTransport(file.port, file.baud)
 
 
 class HardwareKind(NamedTuple):
@@ -24,21 +38,42 @@ class HardwareKind(NamedTuple):
         read: Of a table `[hardware]`, the robot's name and its tendons' names: what it says.
         drive: Of that and a transport: the robot.
         device: Of that: what emulates it; None where nothing does.
-        paths: Path of the code by name, such as that of a `MotorBus`.
+        open: Of that: the way to it.
+        find: Of a port: who answers there, for people; None if nobody does, or it cannot be asked.
     """
 
     read: Callable[[Mapping[str, Any], str, Sequence[str]], HardwareFile]
     drive: Callable[[HardwareFile, Transport], Hardware]
     device: Callable[..., Any] | None = None
+    open: Callable[[HardwareFile], Transport] = _serial
+    find: Callable[[str], str | None] = lambda port: None
 
 
-def motor_kind(bus: str, device: str | None = None) -> HardwareKind:
+def motor_kind(
+    bus: str,
+    device: str | None = None,
+    way: Callable[[HardwareFile], Transport] = _serial,
+    bauds: Sequence[int] = (1000000, 57600),
+) -> HardwareKind:
     """A kind of motors.
 
     Args:
         bus: Path `module:class` of its `motors.MotorBus`.
         device: Path of its `virtual_motors.VirtualMotors`.
+        way: Opens the way to them.
+        bauds: Rates at which `softrobot robot list` asks for them.
     """
+
+    def find(port: str) -> str | None:
+        from .motors import BusPort
+
+        for baud in bauds:
+            file = MotorFile(bus, port, (Motor(1, "t", 0.01),), baud=baud, latency=_LATENCY)
+            with closing(way(file)) as line:
+                found = load(bus)(file, BusPort(line, baud, file.latency)).present()
+            if found:
+                return f"at {baud} baud: " + ", ".join(f"{k} {name}" for k, name in found.items())
+        return None
 
     def drive(file: MotorFile, transport: Transport) -> Hardware:
         from .motors import MotorRobot
@@ -46,7 +81,7 @@ def motor_kind(bus: str, device: str | None = None) -> HardwareKind:
         return MotorRobot(file, transport, load(bus))
 
     emulate = None if device is None else lambda file, seed=0: load(device)(file, seed)
-    return HardwareKind(read_motors, drive, emulate)
+    return HardwareKind(read_motors, drive, emulate, way, find)
 
 
 def _driver(file: RobotFile, transport: Transport) -> Hardware:
@@ -96,6 +131,7 @@ def hardware_of(
         ValueError: It says what is not allowed; names the key.
     """
     table = robot.hardware if kind is None else robot.hardware | {"kind": kind}
+    table = table if robot.file is None else tip_from(table, robot.file.parent)
     if "kind" not in table:
         raise ValueError(f"hardware.kind missing; choose from {', '.join(HARDWARE)}")
     with placed("hardware"):
@@ -135,6 +171,8 @@ def save_hardware(file: HardwareFile, source: Path | None, path: Path) -> None:
 
     document = tomlkit.parse(readable(source).read_text("utf-8"))
     table = write(file) | {"tip": {"kind": file.tip.kind, **file.tip.options}}
+    if path.resolve().parent == Path(source).resolve().parent and "tip" in document["hardware"]:
+        table["tip"] = document["hardware"]["tip"]  # its files as they are named there
     if isinstance(file, RobotFile):
         table["kind"] = "firmware"
         del table["name"]
@@ -159,4 +197,5 @@ def open_hardware(file: HardwareFile, transport: Transport | None = None) -> Har
         LinkError: The port cannot be opened.
         ImportError: The kind's package is missing; the message says what to install.
     """
-    return kind_of(file).drive(file, transport or SerialTransport(file.port, file.baud))
+    kind = kind_of(file)
+    return kind.drive(file, transport or kind.open(file))

@@ -24,6 +24,7 @@ from softrobot_env.core.records import (
     whole_numbers,
     write,
 )
+from softrobot_env.core.registry import is_path
 from softrobot_env.robots import LENGTH_SCALE, SERVO_SPEED
 
 from .interface import HardwareFile
@@ -315,7 +316,7 @@ def read_robot_file(path: Path) -> RobotFile:
         OSError: The file cannot be read.
     """
     with placed(path):
-        return robot_from_table(read_table(path))
+        return robot_from_table(tip_from(read_table(path), path.parent))
 
 
 def robot_from_table(table: Mapping[str, Any]) -> RobotFile:
@@ -327,6 +328,25 @@ def write_robot_file(robot: RobotFile, path: Path) -> None:
     """Write a robot to a TOML file that `read_robot_file` reads as the same robot."""
     table = write(robot, full=True)
     write_text(path, text(table | {"tip": {"kind": robot.tip.kind, **robot.tip.options}}))
+
+
+def tip_from(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """A table whose `tip` names files of a folder, such as `camera`, by paths that hold anywhere.
+
+    A text is a file's name if it ends in a suffix and there is one of that name; `file.py:Name` too.
+    """
+    tip = table.get("tip")
+    if not isinstance(tip, Mapping):
+        return dict(table)
+    return {**table, "tip": {key: _from_folder(value, folder) for key, value in tip.items()}}
+
+
+def _from_folder(value: Any, folder: Path) -> Any:
+    if not isinstance(value, str):
+        return value
+    name, colon, rest = value.rpartition(":") if is_path(value) else (value, "", "")
+    there = (folder / name).resolve()
+    return f"{there}{colon}{rest}" if there.suffix and there.is_file() else value
 
 
 def read_tip(table: Any, where: str) -> Tip:

@@ -12,7 +12,7 @@ from math import inf, pi
 import numpy as np
 from numpy import ndarray
 
-from .dynamixel import Dynamixel
+from .dynamixel import MODES, Dynamixel
 from .feetech import Feetech
 from .motor_file import Motor, MotorFile
 from .motors import MotorBus
@@ -27,6 +27,8 @@ _FASTEST = 10.0  # rad/s, of a motor that is given no speed
 _REBOOT = 0.2  # s
 _SHORTEST, _LONGEST = 5e-4, 0.05  # s, of a step: between answers motors need none
 _ROOM, _SUPPLY = 25.0, 12.0  # °C, V
+
+_RANGE = "minimum", "maximum"  # registers
 
 #: Data-range and access errors of an answer.
 RANGE, ACCESS = 4, 7
@@ -265,13 +267,22 @@ class VirtualMotors(ABC):
         if watchdog > 0 and self._now - one.heard > watchdog:
             self.put(one, "watchdog", -self.kind.registers["watchdog"].unit)
             self.put(one, "goal", self._angle(one))
-        goal = one.motor.length(self.get(one, "goal") + one.turns)
+        goal = one.motor.length(self._goal(one) + one.turns)
         way = (self.get(one, "speed") or _FASTEST) * passed * one.motor.spool_radius
         step = float(np.clip(goal - one.length, -way, way))
         most = self._most_current(one)
         if one.stuck or (most and step > 0 and self._current(one, tension) >= most):
             return
         one.length += step
+
+    def _goal(self, one: VirtualMotor) -> float:
+        """[rad], where it goes: within the range that it keeps itself."""
+        ends = [self.get(one, name) * self.kind.registers["goal"].unit for name in _RANGE]
+        goal = self.get(one, "goal")
+        return float(np.clip(goal, *ends)) if self._has_range(one) else goal
+
+    def _has_range(self, one: VirtualMotor) -> bool:
+        return self.get(one, "maximum") > 0
 
     def _current(self, one: VirtualMotor, tension: float) -> float:
         """[A] that a tension [N] asks of a motor; two share it."""
@@ -335,6 +346,9 @@ class VirtualDynamixel(VirtualMotors):
 
     def _alert(self, one: VirtualMotor) -> int:
         return 0x80 if one.errors else 0
+
+    def _has_range(self, one: VirtualMotor) -> bool:
+        return self.get(one, "mode") == MODES["position"]
 
 
 def _remainder(byte: int) -> int:

@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 from math import pi
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
-from support.motor_bench import MotorBench, motor_file
+from support.hardware_boards import Terminal
+from support.motor_bench import MotorBench, Motors, motor_file
 
+from softrobot_env.cli import main
 from softrobot_env.core.extras import install_command
 from softrobot_env.envs.real import RealEnv
 from softrobot_env.hardware.dynamixel import Dynamixel
@@ -24,10 +27,11 @@ from softrobot_env.hardware.registry import (
     register_hardware,
     save_hardware,
 )
-from softrobot_env.hardware.robot_file import rig_file
+from softrobot_env.hardware.robot_file import Tip, rig_file, write_robot_file
 from softrobot_env.hardware.virtual_motors import VirtualDynamixel, crc16
 from softrobot_env.robots import find_robot
 from softrobot_env.robots.file import read_robot, write_robot
+from softrobot_env.tasks import SetPoints, Task
 
 TRUNK = "examples/motor_trunk.toml"
 TABLE = find_robot(TRUNK).hardware
@@ -89,6 +93,42 @@ def test_a_robots_file_keeps_its_table(tmp_path):
     assert find_hardware(tmp_path / "again.toml") == find_hardware(TRUNK)
 
 
+def test_files_of_the_tip_lie_beside_the_robots_file(tmp_path, monkeypatch):
+    """Whatever folder a program runs in; what is no file there stays as it is written."""
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "robot" / "camera.toml").touch()
+    (tmp_path / "robot" / "mine.py").touch()
+    trunk = find_robot(TRUNK)
+    monkeypatch.chdir(tmp_path)
+    tip = {
+        "kind": "mine.py:Tip",
+        "camera": "camera.toml",
+        "device": "some.module:take",
+        "head": "x.y",
+    }
+    write_robot(replace(trunk, hardware=TABLE | {"tip": tip}), tmp_path / "robot/a.toml")
+    board = rig_file()
+    write_robot_file(replace(board, tip=Tip(tip["kind"], tip | {"kind": 0})), tmp_path / "b.toml")
+    (tmp_path / "b.toml").rename(tmp_path / "robot/b.toml")
+    for name in ("a.toml", "b.toml"):
+        found = find_hardware(Path("robot") / name).tip
+        assert found.kind == f"{tmp_path}/robot/mine.py:Tip"
+        assert found.options["camera"] == f"{tmp_path}/robot/camera.toml"
+        assert found.options["device"] == tip["device"] and found.options["head"] == "x.y"
+    file = find_hardware(tmp_path / "robot/a.toml")
+    save_hardware(file, tmp_path / "robot/a.toml", tmp_path / "robot/c.toml")
+    assert 'camera = "camera.toml"' in (tmp_path / "robot/c.toml").read_text()
+    save_hardware(file, tmp_path / "robot/a.toml", tmp_path / "d.toml")
+    assert find_hardware(tmp_path / "d.toml").tip == file.tip
+
+
+def test_a_task_that_does_not_begin_at_length_zero_is_refused_by_name():
+    robot = find_robot(TRUNK)
+    task = Task("pulled", robot, SetPoints(((0.0, 0.0, 0.25),), 1.0), 1.0, (1e-3,) * 6, axes="xyz")
+    with pytest.raises(ValueError, match="'pulled.*' does not start with all tendons at length ze"):
+        RealEnv(task)
+
+
 def test_a_calibration_is_written_back_and_the_rest_of_the_file_stays(tmp_path):
     file = find_hardware(TRUNK)
     marks = [(1e-3, -5e-3, 6e-3, 2e-3)] * 6
@@ -130,6 +170,39 @@ def test_stuffing_goes_both_ways():
     assert bench.robot._bus.write_table(1, 116, data) == ""
     assert bytes(bench.device.motors[0].table[116:120]) == data
     assert bench.robot._bus.read_bytes(1, 116, 4) == data
+
+
+@pytest.mark.parametrize("kind", ["dynamixel", "feetech"])
+def test_motors_keep_the_range_within_a_turn_themselves(kind):
+    """Ends in counts: 180 degrees less or more 20 mm on a spool of 10 mm, 2 rad."""
+    bench = MotorBench(motor_file(kind, mode="position")).start()
+    for one in bench.device.motors:
+        ends = [bench.device.get(one, name) for name in ("minimum", "maximum")]
+        np.testing.assert_allclose(ends, 2048 + np.array([-2, 2]) * 2048 / np.pi, atol=1)
+    bench.go(0.02, 0.8)
+    bench.robot._bus.write([2 * pi - 0.01] * 3)  # another program's goal, 31 mm from zero
+    bench.run_for(0.05)
+    np.testing.assert_allclose(bench.device.applied, 0.02, atol=2e-5)
+    bench.go(-0.02, 1.0)
+    np.testing.assert_allclose(bench.device.applied, -0.02, atol=2e-5)
+    assert bench.witness.unsafe == []
+
+
+@pytest.mark.parametrize("kind", ["dynamixel", "feetech"])
+def test_over_many_turns_motors_keep_no_range(kind):
+    bench = MotorBench(motor_file(kind)).start()
+    bench.robot._bus.write([2 * pi - 0.01] * 3)
+    bench.run_for(0.09)
+    assert bench.device.applied.min() > 0.004
+
+
+@pytest.mark.parametrize("kind", ["dynamixel", "feetech"])
+def test_a_list_of_ports_names_motors(kind, capsys):
+    with Terminal(Motors(replace(motor_file(kind), tendon_names=("a", "b", "c")))) as robot:
+        assert main(["robot", "list", robot.port, "--timeout", "0.1"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    model = {"dynamixel": "XM430-W350", "feetech": "STS3215"}[kind]
+    assert f"{kind} at 1000000 baud: 1 {model}, 2 {model}, 3 {model}" in said
 
 
 @pytest.mark.parametrize("kind", ["dynamixel", "feetech"])

@@ -3,6 +3,7 @@
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import fields
 from math import inf
 from time import monotonic
@@ -18,7 +19,7 @@ from softrobot_env.hardware.interface import Hardware
 from softrobot_env.hardware.motor_file import MotorFile
 from softrobot_env.hardware.protocol import messages
 from softrobot_env.hardware.protocol.unit_conversion import faults
-from softrobot_env.hardware.registry import save_hardware
+from softrobot_env.hardware.registry import HARDWARE, save_hardware
 from softrobot_env.hardware.robot_file import BAUDS, rig_file
 from softrobot_env.hardware.transport import (
     Direction,
@@ -42,9 +43,9 @@ EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
 
 
 def _list(args: Namespace) -> int:
-    """Print who answers; 1 if nobody does.
+    """Print who answers, boards or motors; 1 if nobody does.
 
-    Every port gets a few bytes; a robot that moves ramps to rest.
+    Every port gets a few bytes; a board's robot that moves ramps to rest.
     """
     answers = {port: _answer(port, args) for port in args.ports or _ports()}
     texts = {port: text for port, (_, text) in answers.items()}
@@ -69,8 +70,19 @@ def _answer(port: str, args: Namespace) -> tuple[bool, str]:
         finally:
             transport.close()
     except RobotError as error:
-        return False, str(error)
+        motors = _motors(port)
+        return bool(motors), motors or str(error)
     return True, f"firmware {info.firmware}, {info.tendons} tendons"
+
+
+def _motors(port: str) -> str:
+    """The motors at a port, by all kinds that can be asked; nothing where none answers."""
+    for name, kind in HARDWARE.items():
+        with suppress(RobotError, ImportError):
+            found = kind.find(port)
+            if found:
+                return f"{name} {found}"
+    return ""
 
 
 # ---------------------------------------------------------------- orders

@@ -6,9 +6,9 @@ from pathlib import Path
 from numpy import ndarray
 
 from softrobot_env.hardware.interface import Hardware, HardwareFile, Reading
-from softrobot_env.hardware.registry import find_hardware, open_hardware, with_port
+from softrobot_env.hardware.registry import find_hardware, kind_of, open_hardware, with_port
 from softrobot_env.hardware.robot_file import rig_file
-from softrobot_env.hardware.transport import LoggingTransport, SerialTransport, Transport
+from softrobot_env.hardware.transport import LoggingTransport, Transport
 
 from ..output import say
 
@@ -43,7 +43,7 @@ def open_driver(robot: HardwareFile, record: Path | None) -> Hardware:
 
 def opened(robot: HardwareFile, record: Path | None) -> Transport:
     """The robot's port, recorded to a file where one is given; errors as of `open_driver`."""
-    transport = SerialTransport(robot.port, robot.baud)
+    transport = kind_of(robot).open(robot)
     try:
         return transport if record is None else _ToldLog(transport, record)
     except OSError:
