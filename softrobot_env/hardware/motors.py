@@ -255,7 +255,7 @@ class MotorBus(ABC):
         return self.models.get(model, (f"model {model}", 0.0))
 
     def limits(self, motor: Motor) -> dict[str, float]:
-        """A motor's range within a turn, in whole counts of its registers, as it keeps it itself."""
+        """A motor's range within a turn, in whole counts, as it keeps it itself."""
         ends = [
             motor.angle(x) / self.registers["goal"].unit for x in (motor.minimum, motor.maximum)
         ]

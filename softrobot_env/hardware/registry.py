@@ -23,7 +23,6 @@ from .robot_file import (
 )
 from .transport import SerialTransport, Transport
 
-
 _LATENCY = 0.02  # s, of a converter that nobody has set up
 
 

@@ -333,7 +333,7 @@ def write_robot_file(robot: RobotFile, path: Path) -> None:
 def tip_from(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """A table whose `tip` names files of a folder, such as `camera`, by paths that hold anywhere.
 
-    A text is a file's name if it ends in a suffix and there is one of that name; `file.py:Name` too.
+    A text is a file's name if it has a suffix and there is such a file; `file.py:Name` too.
     """
     tip = table.get("tip")
     if not isinstance(tip, Mapping):

@@ -20,7 +20,7 @@
 | peer not reading | write gives up; motors hold | a_peer_that_takes_nothing |
 | SIGKILL, SIGSTOP, SIGTERM | still in the watchdog's time | a_dead_host_*, V |
 | exception, Ctrl-C | emergency stop: torque off | L |
-| overload, heat, current | named, stopped, not cleared meanwhile | an_overload_*, a_cause_*, too_* |
+| overload, heat, current | named, stopped, not cleared meanwhile | an_overload_*, a_cause_* |
 | one motor silent | named; the others ramp down | one_silent_motor_* |
 | wrong id, duplicate id | named; never armed | a_wrong_id_*, a_number_*, a_second_* |
 
