@@ -244,7 +244,7 @@ def read_motors(table: Mapping[str, Any], name: str, tendon_names: Sequence[str]
 def usual_motors(
     kind: str, port: str, tendon_names: Sequence[str], travel: Sequence[float], speed: float
 ) -> MotorFile:
-    """Motors of a robot whose file says none: ids from 1, spools of 10 mm, as far as its actions.
+    """Motors of a robot whose file says none: ids from 1, spools of 10 mm, 3 A, its actions' range.
 
     Args:
         kind, port: See `MotorFile`.
@@ -253,7 +253,7 @@ def usual_motors(
         speed: [m/s] of its drive, or inf.
     """
     motors = tuple(
-        Motor(k, name, 0.01, minimum=-ceil(1e3 * x) / 1e3, maximum=ceil(1e3 * x) / 1e3)
+        Motor(k, name, 0.01, 1, pi, -ceil(1e3 * x) / 1e3, ceil(1e3 * x) / 1e3, max_current=3.0)
         for k, (name, x) in enumerate(zip(tendon_names, travel, strict=True), 1)
     )
     slew = MotorFile.slew if speed == inf else speed

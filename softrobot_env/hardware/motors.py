@@ -520,6 +520,10 @@ class MotorRobot(Hardware):
         self.wait_until(self.now() + 0.3)  # a motor that restarts is away for so long
         self.fault, self._since, self._state = None, {}, DeviceState.DISARMED
         self._look_until(self.now() + timeout)
+        end = self.now() + self.robot.patience + self.robot.control_period
+        while self.fault is None and self.now() < end:  # what has to last may be there still
+            self.wait_until(self.now() + self.robot.control_period)
+            self._look()
         if self.fault is not None:
             raise RefusedError("CLEAR", Reason.FAULT)
 

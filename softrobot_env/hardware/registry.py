@@ -108,6 +108,12 @@ HARDWARE: Registry[HardwareKind] = Registry(
             f"{_HERE}.dynamixel:Dynamixel", f"{_HERE}.virtual_motors:VirtualDynamixel"
         ),
         "feetech": motor_kind(f"{_HERE}.feetech:Feetech", f"{_HERE}.virtual_motors:VirtualFeetech"),
+        "odrive": motor_kind(
+            f"{_HERE}.odrive:ODrive",
+            f"{_HERE}.virtual_odrive:VirtualODrive",
+            lambda file: load(f"{_HERE}.can_line:open_can")(file),
+            (1000000, 250000),
+        ),
     },
 )
 

@@ -93,8 +93,10 @@ class VirtualMotors(ABC):
             self.put(one, "temperature_limit", 80)
 
     def put(self, one: VirtualMotor, name: str, value: float) -> None:
-        """Set a register, in SI units."""
-        register = self.kind.registers[name]
+        """Set a register, in SI units; of one that the kind has not nothing comes."""
+        register = self.kind.registers.get(name)
+        if register is None:
+            return
         at = register.address
         one.table[at : at + register.size] = self.kind.coded(register, value)
 
@@ -342,7 +344,7 @@ class VirtualDynamixel(VirtualMotors):
         return packet + crc16(packet).to_bytes(2, "little")
 
     def _introduction(self, one: VirtualMotor) -> bytes:
-        return self.model.to_bytes(2, "little") + b"\x2e"
+        return bytes(one.table[:2]) + b"\x2e"
 
     def _alert(self, one: VirtualMotor) -> int:
         return 0x80 if one.errors else 0

@@ -13,6 +13,7 @@ from support.motor_bench import MotorBench, Motors, motor_file
 from softrobot_env.cli import main
 from softrobot_env.core.extras import install_command
 from softrobot_env.envs.real import RealEnv
+from softrobot_env.hardware import registry
 from softrobot_env.hardware.dynamixel import Dynamixel
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.hardware.feetech import Feetech
@@ -127,7 +128,9 @@ def test_files_of_the_tip_lie_beside_the_robots_file(tmp_path, monkeypatch):
 def test_a_task_that_does_not_begin_at_length_zero_is_refused_by_name():
     robot = find_robot(TRUNK)
     task = Task("pulled", robot, SetPoints(((0.0, 0.0, 0.25),), 1.0), 1.0, (1e-3,) * 6, axes="xyz")
-    with pytest.raises(ValueError, match=r"'pulled.*' does not start with all tendons at length ze"):
+    with pytest.raises(
+        ValueError, match=r"'pulled.*' does not start with all tendons at length ze"
+    ):
         RealEnv(task)
 
 
@@ -199,7 +202,8 @@ def test_over_many_turns_motors_keep_no_range(kind):
 
 
 @pytest.mark.parametrize("kind", ["dynamixel", "feetech"])
-def test_a_list_of_ports_names_motors(kind, capsys):
+def test_a_list_of_ports_names_motors(kind, capsys, monkeypatch):
+    monkeypatch.setattr(registry, "_LATENCY", 2e-3)
     with Terminal(Motors(replace(motor_file(kind), tendon_names=("a", "b", "c")))) as robot:
         assert main(["robot", "list", robot.port, "--timeout", "0.1"]) == 0
     said = " ".join(capsys.readouterr().out.split())

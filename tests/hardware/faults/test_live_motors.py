@@ -29,7 +29,8 @@ pytestmark = [
 @pytest.fixture(params=["dynamixel", "feetech"])
 def live(request, monkeypatch):
     """Motors of the rig behind a line in memory; other programs may load the machine."""
-    pytest.importorskip({"dynamixel": "dynamixel_sdk", "feetech": "scservo_sdk"}[request.param])
+    pytest.importorskip("dynamixel_sdk")
+    pytest.importorskip("scservo_sdk")
     patient = {"control_period": PERIOD, "watchdog": 0.9, "patience": 2.0, "latency": 0.03}
     file = replace(motors_of(request.param, RIG, "/dev/motors"), **patient, ramp=0.1)
     motors, send = Motors(file, look=0.01), MotorBus.write

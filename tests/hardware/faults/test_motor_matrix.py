@@ -46,7 +46,7 @@ from softrobot_env.hardware.protocol.messages import Fault
 pytest.importorskip("dynamixel_sdk", reason="needs the robot extra")
 pytest.importorskip("scservo_sdk", reason="needs the robot extra")
 
-KINDS = ("dynamixel", "feetech")
+KINDS = ("dynamixel", "feetech", "odrive")
 
 
 @pytest.fixture(params=KINDS)
@@ -97,6 +97,12 @@ def fails(bench, code, text, within=0.5):
         bench.robot.arm()
 
 
+def bit(bench, word):
+    """The bit of an error register that says so."""
+    (found,) = (k for k, (_, text) in bench.device.kind.bits.items() if word in text)
+    return 1 << found
+
+
 def assert_still(bench, since):
     """Nothing moves from `since` [s] after now on; the motors hold where they are."""
     end = bench.now + since
@@ -118,6 +124,7 @@ def test_set_points_are_followed_and_a_stop_ramps_to_rest_and_relaxes(bench):
     bench.go(0.002, 0.2)
 
 
+@pytest.mark.parametrize("kind", ["dynamixel", "feetech"])
 def test_motors_hold_at_the_end_of_a_stop_where_the_file_says_so(kind, made):
     bench = made(motor_file(kind, at_stop="hold")).start()
     bench.go(0.005, 0.2)
@@ -150,7 +157,7 @@ def test_a_dead_host_leaves_motors_that_hold(bench):
     """As after kill -9, with nothing more on the line."""
     moving(bench)
     assert_still(bench, bench.file.watchdog + bench.file.control_period)
-    assert bench.device.powered
+    assert bench.device.powered == (bench.file.kind != "odrive")  # whose watchdog lets go
 
 
 def test_a_host_that_slept_is_stopped_and_never_arms_by_itself(bench):
@@ -282,20 +289,16 @@ def test_a_flood_needs_no_memory_and_passes(bench):
 
 def test_a_model_without_current_is_refused(kind, made):
     bench = made(motor_file(kind))
-    one = bench.device.motors[1]
-    at = one.table.index(bench.device.model.to_bytes(2, "little"))
-    one.table[at : at + 2] = (4242).to_bytes(2, "little")
-    if kind == "dynamixel":
-        bench.device._introduction = lambda one: bytes(one.table[:2]) + b"\x2e"
-    with pytest.raises(RobotError, match="motor 2, model 4242, has no current"):
+    at = {"dynamixel": 0, "feetech": 3, "odrive": 1}[kind]
+    bench.device.motors[1].table[at : at + 2] = b"\x42\x00"
+    with pytest.raises(RobotError, match="motor 2, model 66, has no current"):
         bench.robot.connect()
     bench.run_for(0.1)
     assert not bench.device.powered
 
 
 def test_an_encoder_that_fails(bench):
-    (bit,) = (b for b, (_, text) in bench.device.kind.bits.items() if "encoder" in text)
-    bench.device.motors[2].errors |= 1 << bit
+    bench.device.motors[2].errors |= bit(bench, "encoder")
     fails(bench, MotorFault.BROKEN, r"motor 3 \(tendon c\) reports that its encoder fails")
 
 
@@ -357,7 +360,7 @@ def test_a_second_motor_of_a_number_garbles_answers_in_motion(bench):
 
 
 def test_an_overload_and_its_clearing(bench):
-    bench.device.motors[0].errors |= 1 << 5
+    bench.device.motors[0].errors |= bit(bench, "overload")
     fails(bench, Fault.FORCE, r"motor 1 \(tendon a\) reports an overload")
     bench.robot.stop()
     if bench.file.kind == "feetech":
@@ -399,6 +402,13 @@ def test_a_voltage_dip(bench):
     for one in bench.device.motors:
         one.supply = 7.0
     fails(bench, Fault.BROWN_OUT, r"gets 7\.0 V")
+    bench.robot.stop()
+    with pytest.raises(RefusedError, match="may still be there"):
+        bench.robot.clear()
+    for one in bench.device.motors:
+        one.supply = 12.0
+    bench.run_for(0.01)
+    bench.robot.clear()
 
 
 def test_a_stuck_motor(bench):
@@ -454,6 +464,34 @@ def test_dynamixels_watchdog_holds_them_and_refuses_goals_until_it_is_reset(made
     np.testing.assert_array_equal(bench.device.applied, held)
     state = bench.robot._bus.read()[0]
     assert state.expired and state.powered
+
+
+def test_an_odrive_lets_go_and_can_be_armed_again(made):
+    """Its watchdog bites at rest too, which is no fault; in motion it is."""
+    bench = made(motor_file("odrive")).start()
+    moving(bench)
+    bench.run_for(0.3)
+    assert not bench.device.powered
+    bench.robot._sent = bench.now  # a host that was only slow to speak
+    with pytest.raises(RobotFaultError, match=r"motor 1 .* has let go"):
+        bench.go(-0.01, 0.2)
+    bench.robot.stop()
+    bench.robot.clear()
+    bench.run_for(0.5)
+    bench.robot.connect()
+    bench.robot.arm()
+    bench.go(0.0, 0.3)
+    assert bench.device.powered and bench.robot.fault is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "allowed"),
+    [({"at_stop": "hold"}, "at_stop 'relax'"), ({"mode": "position"}, "mode 'extended_position'")],
+)
+def test_what_an_odrive_cannot_do_is_refused(changes, allowed):
+    bench = MotorBench(motor_file("odrive", **changes))
+    with pytest.raises(RobotError, match=allowed):
+        bench.robot.connect()
 
 
 def test_two_motors_of_a_tendon_share_it(kind, made):
