@@ -3,7 +3,7 @@
 from math import pi
 from pathlib import Path
 from struct import pack, unpack
-from time import monotonic
+from time import monotonic, sleep
 
 import numpy as np
 import pytest
