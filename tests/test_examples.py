@@ -48,7 +48,8 @@ PICTURES = (
 
 
 def test_every_example_is_tested_and_short():
-    others = {"cleanrl_ppo", "rllib_ppo", "sb3_ppo"}  # of other libraries, see above
+    # Of other libraries, see above, and in test_teleoperation.
+    others = {"cleanrl_ppo", "rllib_ppo", "sb3_ppo", "teleoperation"}
     assert {path.stem for path in EXAMPLES.glob("*.py")} == {*PICTURES, *others}
     assert all(len((EXAMPLES / f"{x}.py").read_text().splitlines()) <= 60 for x in PICTURES)
     page = (EXAMPLES.parent / "docs" / "tutorials" / "index.md").read_text()
