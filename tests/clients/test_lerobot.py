@@ -7,6 +7,9 @@ import os
 import pty
 import subprocess
 import sys
+import time
+from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +25,17 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset  # noqa: E402
 from lerobot.datasets.utils import build_dataset_frame, hw_to_dataset_features  # noqa: E402
 from lerobot.robots import make_robot_from_config  # noqa: E402
 from lerobot.teleoperators import make_teleoperator_from_config  # noqa: E402
-from lerobot_robot_softrobot import SoftRobotConfig, SoftRobotKeysConfig  # noqa: E402
+from lerobot_robot_softrobot import (  # noqa: E402
+    SoftRobotConfig,
+    SoftRobotKeys,
+    SoftRobotKeysConfig,
+)
 from lerobot_robot_softrobot.policy import environment, trained  # noqa: E402
 from lerobot_robot_softrobot.record import record  # noqa: E402
+
+from softrobot_env.hardware.tip import listen  # noqa: E402
+from softrobot_env.robots import find_robot  # noqa: E402
+from softrobot_env.robots.file import write_robot  # noqa: E402
 
 ENV = "SoftRobot/ArmSwing-v0"
 
@@ -92,6 +103,68 @@ def test_keys_of_a_terminal_are_inputs(place, monkeypatch):
     os.close(ours)
     with pytest.raises(ValueError, match="inputs must be from 1 to 10"):
         make_teleoperator_from_config(SoftRobotKeysConfig(inputs=11, **place))
+
+
+@contextmanager
+def trunk(tmp_path):
+    """The file of a trunk whose motors run virtually, and their pictures' way to it."""
+    with closing(listen("127.0.0.1", 0)) as free:
+        number = free.getsockname()[1]
+    robot, link = find_robot(str(PLUGIN.parent / "motor_trunk.toml")), tmp_path / "motors"
+    patient = {"latency_ms": 30, "watchdog_ms": 1000, "patience_ms": 2000, "port": str(link)}
+    tip = {"kind": "udp", "port": number}
+    write_robot(
+        replace(robot, hardware=robot.hardware | patient | {"tip": tip}), tmp_path / "a.toml"
+    )
+    words = f"robot virtual --hardware dynamixel --robot {tmp_path}/a.toml --link {link}"
+    words += f" --camera-port {number} --seconds 120"
+    with subprocess.Popen([sys.executable, "-m", "softrobot_env", *words.split()]) as motors:
+        try:
+            end = time.monotonic() + 60
+            while not link.exists():
+                assert time.monotonic() < end and motors.poll() is None
+                time.sleep(0.05)
+            yield tmp_path / "a.toml"
+        finally:
+            motors.terminate()
+
+
+def test_lerobots_own_recording_of_motors_by_keys(tmp_path, monkeypatch, place):
+    """`lerobot-record`, of a real robot's environment over an emulated bus."""
+    pytest.importorskip("dynamixel_sdk", reason="needs the robot extra")
+    from lerobot.scripts import lerobot_record
+
+    ours, theirs = pty.openpty()
+    made = {"repo_id": "softrobot/hand", "root": tmp_path / "set", "single_task": "reach"}
+    short = {"fps": 50, "episode_time_s": 1.5, "reset_time_s": 0, "num_episodes": 1}
+    with trunk(tmp_path) as file, os.fdopen(theirs, "r") as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        monkeypatch.setattr(sys, "argv", ["lerobot-record"])
+        options = {"robot": str(file), "task": "reach", "max_missed": 10_000, "oldest": 2.0}
+        connect = SoftRobotKeys.connect
+
+        def connected(keys, calibrate=True):
+            connect(keys, calibrate)
+            os.write(ours, b"qqww")  # all at once: the motors' speed limits them
+
+        monkeypatch.setattr(SoftRobotKeys, "connect", connected)
+        lerobot_record.record(
+            lerobot_record.RecordConfig(
+                robot=SoftRobotConfig(environment="SoftRobot/Real-v0", options=options, **place),
+                teleop=SoftRobotKeysConfig(inputs=6, **place),
+                dataset=lerobot_record.DatasetRecordConfig(
+                    **made, **short, video=False, push_to_hub=False
+                ),
+                play_sounds=False,
+            )
+        )
+    os.close(ours)
+    recorded = LeRobotDataset("softrobot/hand", root=tmp_path / "set")
+    assert recorded.num_episodes == 1 and recorded.num_frames > 20
+    last = recorded[recorded.num_frames - 1]
+    assert last["action"].numpy() == pytest.approx([0.1, 0.1, 0, 0, 0, 0])
+    moved = last["observation.state"] - recorded[0]["observation.state"]
+    assert moved.abs().max() > 1e-3
 
 
 @pytest.mark.slow

@@ -44,6 +44,7 @@ class SoftRobot(Robot):
         shown = {"render_mode": "rgb_array"} if config.pictures else {}
         self._env = gymnasium.make(config.environment, **config.options, **shown)
         self._picture = config.pictures
+        self.cameras = dict.fromkeys(filter(None, [config.pictures]))  # LeRobot counts them
         self._seen: dict[str, np.ndarray] | None = None
         self._over = False
 
