@@ -25,7 +25,7 @@ from studies.lab import Record, Study, grid, quantity, table, verdict
 
 TRUNK = Path(__file__).parents[2] / "examples" / "motor_trunk.toml"
 
-_SECONDS, _QUICK = 60.0, 2.0
+_SECONDS, _QUICK = 60.0, 1.0
 _FIRST_OF_SECOND = 11  # number of the first motor that is added
 
 
