@@ -106,7 +106,7 @@ def bit(bench, word):
 def assert_still(bench, since):
     """Nothing moves from `since` [s] after now on; the motors hold where they are."""
     end = bench.now + since
-    bench.run_for(since + 1.0)
+    bench.run_for(since + 0.4)
     assert bench.witness.moved <= end
     assert np.abs(bench.device.applied).max() > 1e-4  # not at rest: held on the way
 
@@ -205,11 +205,11 @@ def test_any_harm_is_survived_and_counted(kind, name, made):
     bench = made(motor_file(kind, patience=0.5)).start()
     bench.harm(**HARM[name])
     for target in (0.01, -0.01, 0.005):
-        bench.go(target, 0.5)
+        bench.go(target, 0.3)
     done = bench.up.done[name], bench.down.done[name]
     assert min(done) > 0 or name == "split"
     bench.harm()
-    bench.go(0.005, 0.5)
+    bench.go(0.005, 0.4)
     np.testing.assert_allclose(bench.device.applied, 0.005, atol=1e-4)
     assert bench.robot.fault is None
     assert bench.robot.link["lost"] > 0 or name in ("duplicate", "split")
@@ -247,10 +247,10 @@ def test_late_packets_lead_no_farther_than_they_are_late(kind, made):
     bench = made(motor_file(kind, patience=0.5)).start()
     bench.up.harm, bench.witness.late = Harm(delay=0.3, held=0.05), 0.05
     for target in (0.01, -0.01, 0.005):
-        bench.go(target, 0.5)
+        bench.go(target, 0.3)
     bench.up.harm = Harm()
-    bench.go(0.005, 0.5)
-    assert bench.up.done["delay"] > 10 and bench.robot.fault is None
+    bench.go(0.005, 0.4)
+    assert bench.up.done["delay"] > 5 and bench.robot.fault is None
     np.testing.assert_allclose(bench.device.applied, 0.005, atol=1e-4)
 
 
