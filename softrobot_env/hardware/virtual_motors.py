@@ -28,8 +28,6 @@ _REBOOT = 0.2  # s
 _SHORTEST, _LONGEST = 5e-4, 0.05  # s, of a step: between answers motors need none
 _ROOM, _SUPPLY = 25.0, 12.0  # °C, V
 
-_RANGE = "minimum", "maximum"  # registers
-
 #: Data-range and access errors of an answer.
 RANGE, ACCESS = 4, 7
 
@@ -271,7 +269,7 @@ class VirtualMotors(ABC):
             self.put(one, "goal", self._angle(one))
         goal = one.motor.length(self._goal(one) + one.turns)
         way = (self.get(one, "speed") or _FASTEST) * passed * one.motor.spool_radius
-        step = float(np.clip(goal - one.length, -way, way))
+        step = min(max(goal - one.length, -way), way)
         most = self._most_current(one)
         if one.stuck or (most and step > 0 and self._current(one, tension) >= most):
             return
@@ -279,9 +277,11 @@ class VirtualMotors(ABC):
 
     def _goal(self, one: VirtualMotor) -> float:
         """[rad], where it goes: within the range that it keeps itself."""
-        ends = [self.get(one, name) * self.kind.registers["goal"].unit for name in _RANGE]
         goal = self.get(one, "goal")
-        return float(np.clip(goal, *ends)) if self._has_range(one) else goal
+        if not self._has_range(one):
+            return goal
+        unit = self.kind.registers["goal"].unit
+        return min(max(goal, unit * self.get(one, "minimum")), unit * self.get(one, "maximum"))
 
     def _has_range(self, one: VirtualMotor) -> bool:
         return self.get(one, "maximum") > 0
