@@ -21,7 +21,7 @@ _ASKED = ENCODER, CURRENT, HEAT, SUPPLY
 IDLE, CLOSED_LOOP = 1, 8  # states
 EXPIRED = 24  # error's bit
 MESSAGE_BITS = 130  # on the wire; a request for one has 50
-_PATIENCE, _BEATS = 20, 25  # ms, and times, that a heartbeat is waited for
+_PATIENCE, _BEATS = 20, 50  # ms, and times, that a heartbeat is waited for
 
 
 class ODrive(MotorBus):
@@ -125,10 +125,12 @@ class ODrive(MotorBus):
         self._ask([(number, command) for number in numbers for command in _ASKED])
         found = {}
         for number in numbers:
-            table = bytearray(address + size)
-            for command in (HEARTBEAT, *_ASKED):
-                table[8 * command : 8 * command + 8] = self._seen.get((number, command), b"")
-            found[number] = bytes(table[address:])  # shorter where one is missing
+            parts = {c: self._seen.get((number, c)) for c in (HEARTBEAT, *_ASKED)}
+            if None not in parts.values():
+                table = bytearray(address + size)
+                for command, part in parts.items():
+                    table[8 * command : 8 * command + 8] = part
+                found[number] = bytes(table[address:])
         return found
 
     def _state(self, number: int, data: bytes) -> MotorState:

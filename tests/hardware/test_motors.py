@@ -13,7 +13,6 @@ from support.motor_bench import MotorBench, Motors, motor_file
 from softrobot_env.cli import main
 from softrobot_env.core.extras import install_command
 from softrobot_env.envs.real import RealEnv
-from softrobot_env.hardware import registry
 from softrobot_env.hardware.dynamixel import Dynamixel
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.hardware.feetech import Feetech
@@ -203,7 +202,7 @@ def test_over_many_turns_motors_keep_no_range(kind):
 
 @pytest.mark.parametrize("kind", ["dynamixel", "feetech"])
 def test_a_list_of_ports_names_motors(kind, capsys, monkeypatch):
-    monkeypatch.setattr(registry, "_LATENCY", 2e-3)
+    monkeypatch.setattr(HARDWARE, "_own", {kind: HARDWARE[kind]})
     with Terminal(Motors(replace(motor_file(kind), tendon_names=("a", "b", "c")))) as robot:
         assert main(["robot", "list", robot.port, "--timeout", "0.1"]) == 0
     said = " ".join(capsys.readouterr().out.split())

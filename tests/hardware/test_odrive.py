@@ -13,6 +13,7 @@ from support.motor_bench import MotorBench, Motors, motor_file
 from softrobot_env.cli import main
 from softrobot_env.hardware import odrive, registry
 from softrobot_env.hardware.can_line import CanTransport, frames, open_can, text
+from softrobot_env.hardware.errors import LinkError, RobotFaultError
 from softrobot_env.hardware.registry import open_hardware
 
 POSITION_OF_THREE = 3 << 5 | 9
@@ -53,7 +54,7 @@ def terminal():
 
 
 def test_a_list_of_ports_names_them(terminal, capsys, monkeypatch):
-    monkeypatch.setattr(registry, "_LATENCY", 2e-3)
+    monkeypatch.setattr(registry.HARDWARE, "_own", {"odrive": registry.HARDWARE["odrive"]})
     assert main(["robot", "list", terminal.port, "--timeout", "0.1"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "odrive at 1000000 baud: 1 ODrive S1, 2 ODrive S1, 3 ODrive S1" in said
@@ -108,6 +109,27 @@ def test_a_robot_over_python_cans_virtual_bus():
         assert not live.board.device.powered
     end.close()
     assert isinstance(can.Message(), can.Message)
+
+
+@pytest.mark.parametrize("command", [1, 9, 0x14, 0x15, 0x17])
+def test_a_motor_of_which_one_message_is_missing_has_not_answered(command):
+    bench = MotorBench(motor_file("odrive"))
+    status = bench.device.status
+
+    def without(number, sent, data):
+        return b"" if (number, sent) == (2, command) else status(number, sent, data)
+
+    bench.device.status = without
+    bench.run_for(0.2)
+    with pytest.raises(LinkError, match="not all motors say where they are"):
+        bench.robot.connect()
+    bench.device.status = status
+    bench.start()
+    bench.device.status = without
+    if command == 1:  # comes ten times a second, and not when it is asked for
+        return
+    with pytest.raises(RobotFaultError, match=r"motor 2 \(tendon b\) does not answer"):
+        bench.go(0.01, 0.5)
 
 
 def test_rates_that_no_adapter_has_are_refused():
