@@ -109,7 +109,7 @@ lint: .venv/.setup-test
 	touch $@
 
 .venv/.setup-test: .venv/.setup
-	$(PIP) install -c constraints.txt -e '.[viz,rl,mpc,robot,recordings,test]'
+	$(PIP) install -c constraints.txt -e '.[viz,rl,mpc,robot,can,camera,recordings,test]'
 	touch $@
 
 .venv/.setup-docs: .venv/.setup
