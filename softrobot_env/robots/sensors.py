@@ -66,15 +66,15 @@ class Sensor:
         noise: Standard deviation, [LSB] of the converter, or [rad] of tags; see `deviation`.
         rate: [Hz] (T: 50); a sample is taken at the first control instant after it is due.
         delay: [s], rounded to whole control periods.
-        temperature: [K], warming up of the diode after the start (S).
+        temperature: [K], warm-up of the diode after the start (S).
         drift: [1], standard deviation of the slow change of each light path's gain (S).
         hysteresis: [1], fraction of the bend that lags with backlash (I from the thesis' error of
             0.34 degrees with polynomials of order 5).
         stretch: [1], light lost per strain, where the sensor is off the neutral fibre (S).
-        stray: [1/N], light that leaks in per contact force on it, over that when straight (S).
+        stray: [1/N], light that leaks in per contact force on it, relative to straight (S).
         flicker: [1], standard deviation of each sample's gain (audit: 1 to 2 %, S).
         spread: [1], how specimens differ: gains, angles, tilts, acceptance and azimuth [rad] (S).
-        specimen: What the specimen's differences are sampled from.
+        specimen: Seed of the specimen's differences.
     """
 
     name: Name

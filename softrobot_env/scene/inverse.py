@@ -49,7 +49,7 @@ _RELAXED = 1e-6  # step of an action towards the least norm that is left
 _DAMPING = 1e-3  # of the gap times the largest singular value
 _RANK = 1e-7  # of the largest singular value
 _CLOSE = 1e-2  # of the reach: gaps at which the way to the least norm is found by secants
-_PATIENCE = 5  # iterations that do not halve the step towards the least norm
+_PATIENCE, _BETTER = (8, 5), (0.9, 0.5)  # iterations that lessen the gap, or a step close to it
 _BEND, _FLAT = (0.25, 20.0), 1e-8  # bounds of what bends the way to the least norm; as good as none
 _HALVINGS = 4  # of the way to a point
 _LEAST_END = 1 / 64  # of full scale, for the end of a line
@@ -589,24 +589,27 @@ class InverseStatics:
     def _near(self, point: ndarray, start: Place, relaxing: int = _RELAXING) -> Place:
         """Iterate from a start, `relaxing` times towards the least norm besides closing the gap.
 
-        Fewer times where that ends at a kink: one tendon goes slack as another is pulled.
+        Fewer times where that ends at a kink, where one tendon goes slack as another is pulled. A
+        point that comes no nearer from afar is given up.
         """
         action, posture = start.action, start.posture
         share, before, bend = 1.0, None, np.eye(len(action))
-        least, stuck = np.inf, 0
+        least, stuck = [np.inf, np.inf], [0, 0]  # from afar, and close to the point
         for k in range(_ITERATIONS):
             linear = self.linearised(action, posture)
             if linear is None:
                 return Place(action, self.inputs_for(action, posture), posture, np.inf)
             gap, by_actions = point - linear.tip, linear.tip_by_actions
-            close = before is not None and norm(gap) < _CLOSE * self.scene.config.robot.reach
+            close = int(before is not None and norm(gap) < _CLOSE * self.scene.config.robot.reach)
             if close:
                 share, bend = 1.0, _bent(bend, action, by_actions, *before)
             step = least_step(by_actions, gap, action, share * (k < relaxing), bend=bend)
-            before, way = (action, by_actions), norm(step)
-            if close and k < relaxing:
-                least, stuck = (way, 0) if way < least / 2 else (least, stuck + 1)
-                relaxing = k if stuck == _PATIENCE else relaxing
+            before, left = (action, by_actions), norm(step if close else gap)
+            stuck[close] = 0 if left < _BETTER[close] * least[close] else stuck[close] + 1
+            least[close] = min(left, least[close])
+            relaxing = min(relaxing, k) if stuck[1] == _PATIENCE[1] else relaxing
+            if stuck[0] == _PATIENCE[0]:
+                break
             turn = linear.balance + linear.by_actions @ step
             size = max(np.abs(step).max() / _LARGEST_STEP, np.abs(turn).max() / self._turn, 1.0)
             action = np.clip(action + step / size, -1.0, 1.0)

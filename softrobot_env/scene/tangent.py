@@ -74,6 +74,7 @@ class StaticForces:
             _STRUCTURES[model] = _structure(model)
         self._of = _STRUCTURES[model]
         self._tip, self._pull = model.site(TIP_SITE).id, np.zeros(3)
+        self._placed: ndarray | None = None  # the posture whose tendons are known
         self._laws = None if is_ideal(model) else _laws(model, by_servos)
         #: (nu,), stiffness of a drive and its force per control, over those of its spring.
         self._by_slack, self._by_control = np.ones((2, model.nu))
@@ -141,8 +142,9 @@ class StaticForces:
 
     def tip(self, qpos: ndarray) -> ndarray:
         """Tip (3,) [m] in a posture (nq,)."""
-        self._data.qpos[:] = qpos
-        mujoco.mj_kinematics(self.model, self._data)
+        if not np.array_equal(self._placed, qpos):
+            self._placed, self._data.qpos[:] = None, qpos
+            mujoco.mj_kinematics(self.model, self._data)
         return self._data.site_xpos[self._tip].copy()
 
     def tendon_length(self, qpos: ndarray) -> ndarray:
@@ -151,8 +153,10 @@ class StaticForces:
         return self._data.ten_length.copy()
 
     def _place(self, qpos: ndarray) -> None:
-        """Take a posture (nq,)."""
-        self._data.qpos[:] = qpos
+        """Take a posture (nq,), unless it is taken already."""
+        if np.array_equal(self._placed, qpos):
+            return
+        self._placed = self._data.qpos[:] = qpos.copy()
         for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
             compute(self.model, self._data)
 
