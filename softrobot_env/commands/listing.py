@@ -69,7 +69,7 @@ _EVERYTHING: dict[str, Callable[[], dict[str, str]]] = {
     "tasks": _tasks,
     "policies": lambda: {"": ", ".join(EVERY_POLICY)},
     "envs": _envs,
-    "benchmarks": lambda: {"": ", ".join(BENCHMARKS)},
+    "benchmarks": lambda: {"": ", ".join(BENCHMARKS) or "none: they come with the repository"},
 }
 
 
