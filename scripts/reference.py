@@ -52,7 +52,7 @@ HEADINGS = {
 FILE_DEFAULTS = {
     ("", "section"): "one at least",
     ("", "base"): "upright at the origin",
-    ("section", "pieces"): "as many as `accuracy` asks for",
+    ("section", "pieces"): "as many as `accuracy` requires",
     ("tendon", "offset_m"): "this, `radius_m` or `route_m`",
     ("tendon", "radius_m"): "this, `offset_m` or `route_m`",
     ("tendon", "end_m"): "this, `ends_at_section`, or the end of `route_m`",

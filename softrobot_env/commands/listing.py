@@ -1,4 +1,4 @@
-"""`softrobot list`: what there is by name, with what other packages have registered."""
+"""`softrobot list`: everything available by name, including what other packages have registered."""
 
 from argparse import Namespace
 from collections.abc import Callable
@@ -22,8 +22,8 @@ _FITS = "can drive it"
 
 
 ARGUMENTS = """
-    what WHAT?  these alone, out of %(choices)s; default: all
-    <robot> what it can be given, and why not the rest; default: all there is
+    what WHAT?  only these, out of %(choices)s; default: all
+    <robot> list what fits it, and why the rest does not; default: everything
 """
 
 
@@ -69,7 +69,7 @@ _EVERYTHING: dict[str, Callable[[], dict[str, str]]] = {
     "tasks": _tasks,
     "policies": lambda: {"": ", ".join(EVERY_POLICY)},
     "envs": _envs,
-    "benchmarks": lambda: {"": ", ".join(BENCHMARKS)},
+    "benchmarks": lambda: {"": ", ".join(BENCHMARKS) or "none: they come with the repository"},
 }
 
 

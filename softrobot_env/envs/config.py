@@ -59,57 +59,58 @@ GRIPPER += ("pieces", "timestep", "backend")
 class EnvConfig:
     """Options of environments, keyword arguments of `gymnasium.make` and `gymnasium.make_vec`.
 
-    Each environment takes some of them, its attribute `takes`; and for a task given by name the
-    options of that task, see `tasks.make_task`.
+    Each environment takes those listed in its attribute `takes`, and for a task given by name also
+    the options of that task, see `tasks.make_task`.
 
     Attributes:
         task: A task or its name.
-        robot: The robot of a task given by name: itself, its name, or a robot file (*.toml). Unless
-            given, the one that the task is made for.
-        twin: Of a robot driven by length, the one that is simulated; or the seed of a rig with
-            errors (`twin.rig3d_twin`). Unless given, a robot as its parameters say.
-        control_period: [s], between 1 ms and 200 ms. Of the real rig that of the robot file unless
-            given; longer than its `state_delay`, and at most half of its watchdog.
+        robot: The robot of a task given by name: itself, its name, or a robot file (*.toml). By
+            default the robot that the task is made for.
+        twin: For a robot driven by length, the twin that is simulated, or the seed of one with
+            errors (`twin.rig3d_twin`). By default a robot exactly as its parameters say.
+        control_period: [s], between 1 ms and 200 ms. For the real rig, by default that of the
+            robot file; longer than its `state_delay`, and at most half of its watchdog.
         observe: Names of the observables in an observation, or "all": all but `sensors`, and those
-            that others registered, which are asked for by name. Unless given, all but these and
-            tensions, lengths and reference_acceleration of a robot driven by tension, and all but
-            curvatures and tensions of one driven by length, as a lab can measure them. Of the real
-            rig "tendon_tension" needs a board that measures forces. Of grippers names out of
-            `simulation.grippers.KNOWN`.
+            that others registered, which have to be named. By default all but these and
+            tensions, lengths and reference_acceleration for a robot driven by tension, and all but
+            curvatures and tensions for one driven by length, which is what a lab can measure. On
+            the real rig "tendon_tension" needs a board that measures forces. For grippers, names
+            from `simulation.grippers.KNOWN`.
         preview: Times [s] ahead of now of `reference_preview`.
         lead: Time [s] ahead of now of `reference_velocity` and `reference_acceleration`, for
-            policies that make up for a delay; not with vectors, whose readers are not told of it.
+            policies that compensate for a delay; not with vectors, whose readers do not know it.
         observe_as: "dict", or "vector": one float32 vector of order 1.
-        act_as: What actions stand for: "input", or "change" of the inputs in force. Unless given,
-            inputs, and with vectors changes.
-        reward: Weights and scales of the reward, or the name of one out of `rewards.REWARDS`.
-            Unless given "tracking", and with vectors "log"; of grippers a `GripReward`.
-        randomization: Ranges of what varies, sampled by `np_random` for every episode that is reset
-            without `vary`, and reported in `info["variation_density"]` and so on.
+        act_as: What actions represent: "input", or "change" of the current inputs. By default
+            inputs, with vectors changes.
+        reward: Weights and scales of the reward, or a name from `rewards.REWARDS`.
+            By default "tracking", with vectors "log"; for grippers a `GripReward`.
+        randomization: Ranges of the parameters to vary, sampled by `np_random` for every episode
+            that is reset without `vary`, and reported in `info["variation_density"]` and so on.
         pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`; in
-            space, pieces must be a multiple of the robot's. Of each finger of a gripper pieces, and
-            the timestep [s], as its fineness says unless given.
-        plant: Builds the model that is simulated in place of the MuJoCo chain, for instance
+            space, pieces must be a multiple of the robot's. For a gripper, the pieces of each
+            finger and the timestep [s]; by default those of its fineness.
+        plant: Builds the model that is simulated instead of the MuJoCo chain, for example
             `beams.registry.BeamPlant("pcc")`.
         render_mode: None, "rgb_array" or "human"; many environments are not rendered.
         width, height: Size of a frame in pixels.
         num_envs: Number n of environments.
-        threads: Of their pool, 0 for as many as have enough to do.
-        backend: "mujoco", or "warp" (extra `gpu`), which knows no contacts.
-        device: Of the backend "warp": "cuda:0" or "cpu"; the first CUDA device unless given.
-        max_episode_steps: After which an episode is truncated, if it is not over before.
+        threads: Size of the thread pool; 0 for as many as can be kept busy.
+        backend: "mujoco", or "warp" (extra `gpu`), which does not support contacts.
+        device: For the backend "warp": "cuda:0" or "cpu"; by default the first CUDA device.
+        max_episode_steps: Number of steps after which an episode is truncated, if it has not ended
+            before.
         autoreset_mode: One of `AutoresetMode`, or its value.
-        gripper: A name out of `GRIPPERS`, the path of a file, or a gripper.
-        fineness: A name out of `scene.assembly.FINENESS`: "quick" has few pieces and long
-            timesteps, and bends err by 1 degree on average, "rule" is as the rule for contacts has
-            it, and 50 times slower (`softrobot benchmark gripper`).
+        gripper: A name from `GRIPPERS`, the path of a file, or a gripper.
+        fineness: A name from `scene.assembly.FINENESS`: "quick" has few pieces and long
+            timesteps, with a mean error of 1 degree in bends; "rule" follows the rule for
+            contacts, and is 50 times slower (`softrobot benchmark gripper`).
         port: Serial port instead of the robot file's.
-        robot_file: Calibration and limits of a board, or the path of its TOML file, or of motors;
-            the table `[hardware]` of the robot's file unless given, of the rig its default.
+        robot_file: Calibration and limits of a board or of motors, or the path of their TOML file;
+            by default the table `[hardware]` of the robot's file, or the rig's default.
         line: Opens the way to the hardware, instead of the serial port.
         tip: Measures the tip (`hardware.tip.TipSource`), instead of what the robot file names.
         max_missed: Control periods that may be missed in an episode.
-        oldest: [s], oldest measurement that is still good.
+        oldest: [s], largest age of a measurement that is still accepted.
         task_options: Options of a task given by name.
     """
 

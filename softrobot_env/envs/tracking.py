@@ -44,37 +44,37 @@ _REBUILT = {
 class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     """Move the tip of a tendon-driven robot along a reference.
 
-    The action is a vector in [-1, 1], held for one `control_period`, and stands for the inputs of
-    the robot (`robots.actuation`). Of a robot driven by tension these are reduced ones [N], such as
-    (6.5): each group of opposing tendons has one that bends it to either side of a plane, or two
-    that bend it in space; the redundancy is resolved by least tensions, so tendons never push. Of
-    a robot driven by length they are the lengths [m] that servos are to pull in, from the straight
-    pose on. Servos have a limited speed and what else the twin says; a tendon that slackens pulls
-    no more, and none pulls more than its limit. Dry friction of a twin's tendons is not part of the
-    tension and acts on slack tendons too: there it can push.
+    The action is a vector in [-1, 1], held for one `control_period`, and represents the inputs of
+    the robot (`robots.actuation`). For a robot driven by tension these are reduced inputs [N], such
+    as (6.5): each group of opposing tendons has one that bends it to either side of a plane, or two
+    that bend it in space; the redundancy is resolved by the smallest tensions, so tendons never
+    push. For a robot driven by length they are the lengths [m] that servos pull in, measured from
+    the straight pose. Servos have a limited speed and the errors of the twin; a slack tendon does
+    not pull, and none pulls more than its limit. Dry friction of a twin's tendons is not part of
+    the tension and also acts on slack tendons, which it can push.
 
     Observations are a dict of float64 vectors in SI units; d is the number of the coordinates that
     the task names: (x, z), (x, y) or (x, y, z). The bounds of the space are those of the workspace,
-    plus room for the largest noise that the sensors can be given, and for any twin's errors. Those
-    of velocities and rates are some thirty times what the robot can do:
+    plus a margin for the largest sensor noise that can be set and for any twin's errors. Those of
+    velocities and rates are about thirty times what the robot can reach:
 
     | key | size | what | unit |
     |---|---|---|---|
-    | tip_position, tip_velocity | d | tip, as the camera sees it where there is one | m, m/s |
-    | curvature, curvature_rate | pieces | beta; in space gamma, torsion too | 1/m, 1/(m s) |
-    | sensors | readings | curvature sensors, light over that when straight; tags | 1, rad |
+    | tip_position, tip_velocity | d | tip, as measured by the camera if there is one | m, m/s |
+    | curvature, curvature_rate | pieces | beta; in space also gamma, torsion | 1/m, 1/(m s) |
+    | sensors | readings | curvature sensors, light relative to straight; tags | 1, rad |
     | tendon_tension | tendons | applied tension | N |
-    | anchor_tension | tendons | at their far ends, where friction along them has taken some | N |
-    | tendon_length | tendons | inside the robot, or pulled in as the servos read | m |
-    | motor_force | tendons | that servos with a gain ask of their motors, within their limit | N |
+    | anchor_tension | tendons | at their far ends, beyond the friction along them | N |
+    | tendon_length | tendons | inside the robot, or pulled in as the servos report | m |
+    | motor_force | tendons | force of the position loop of servos with a gain | N |
     | reference | d | reference now | m |
     | reference_velocity, reference_acceleration | d | now, or `lead` later | m/s, m/s2 |
     | reference_preview | d x preview | reference after each of the `preview` times | m |
-    | previous_action | inputs | inputs in force, over full scale | 1 |
+    | previous_action | inputs | current inputs, relative to full scale | 1 |
 
     The reward is the sum of these terms, also in `info` as `reward_tracking` and so on (e is the
-    distance of tip and reference, a the inputs over full scale; weights and scales are those of
-    `TrackingReward`):
+    distance between tip and reference, a the inputs relative to full scale; weights and scales are
+    those of `TrackingReward`):
 
     | term | what | range |
     |---|---|---|
@@ -86,13 +86,13 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
 
     For learning libraries there is `observe_as="vector"`: the same observables as one float32
     vector of order 1, scaled by the robot's own length, first frequency and full scale
-    (`observations.table.VectorView`), so that no running statistics need to be kept with a policy.
-    `vector_layout` says which entries are what. The reference is then its distance to the tip, on a
-    coarse and on a fine scale, and the preview what lies ahead of it. Unless asked otherwise, such
-    an environment also has what helps an agent that begins with nothing:
+    (`observations.table.VectorView`), so that policies need no running statistics. `vector_layout`
+    says which entries are what. The reference is then given relative to the tip, on a coarse and a
+    fine scale, and the preview relative to the reference. By default such an environment also has
+    two features that help an agent trained from scratch:
 
-    * `act_as="change"`: an action is the change of the inputs in force, by at most as much as the
-      first mode turns in a control period (full scale per radian). Random actions then move the
+    * `act_as="change"`: an action is a change of the current inputs, limited to the phase that the
+      first mode passes in a control period (full scale per radian). Random actions then move the
       robot gently, and an agent that knows only the sign of an error can remove it.
     * `reward="log"`: the term tracking is 1 - log(1 + e / s) / log(1 + 2 R / s), with the reach R
       and s = R / 500; precision, effort and smoothness are zero (`rewards.LogReward`).
@@ -100,45 +100,46 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     An episode ends with `truncated` when the task's duration is over, and with `terminated` when
     the simulation diverged, a piece bent sharper than 1 / outer radius, where its inner side would
     fold, or the robot moved faster than `observations.table.speed_limit` allows.
-    `info["failure"]` then says what and when, and the observation is the one
-    before the failure, as the caller holds it.
+    `info["failure"]` then says what happened and when, and the observation is the last one
+    before the failure, which the caller already has.
 
-    `info` holds the error [m], time [s], tendon tension [N] and length [m] (of servos what their
-    horns pull in), and reward terms; after a divergence error and lengths may not be finite. The
-    reset option `vary` and `randomization` vary the robot and what lies between it and the policy.
-    The drives may apply another tension than commanded (`tension_gain`), up to the tendon's limit,
-    and any command later (`delay`, a multiple of the control period); until the first action
-    arrives the start is in force. A varied robot starts in the posture of the nominal one, with the
+    `info` holds the error [m], time [s], tendon tension [N] and length [m] (for servos, what their
+    horns pull in), and reward terms; after a divergence, error and lengths may not be finite. The
+    reset option `vary` and `randomization` vary the robot, its drives and its sensors. The drives
+    may apply a tension other than the commanded one (`tension_gain`), up to the tendon's limit, and
+    apply commands late (`delay`, a multiple of the control period); the start inputs apply until
+    the first action arrives. A varied robot starts in the posture of the nominal one, with the
     same commands (thesis sec. 6.6.3), times the `tension_gain`; names and units of `vary` are
     those of `robots.variations`. Sensors may be noisy (`sensor_noise`). Rewards, error, failures
-    and `previous_action` keep to the true state and the commanded action, and with noise or a
-    camera that errs `info` also holds the true tip_position, and curvature.
+    and `previous_action` refer to the true state and the commanded action, and with noise or an
+    imperfect camera `info` also holds the true tip_position and curvature.
 
-    A camera without noise and delay sees the true position and velocity. Otherwise it takes a
+    A camera without noise and delay measures the true position and velocity. Otherwise it takes a
     picture every `robots.CAMERA_PERIOD` (90 a second, or one per control period where that is
     longer), each at the control instant that follows, and the velocity is the difference of its
-    last two over the time between them. Potentiometers know neither offset nor backlash of a servo.
+    last two over the time between them. Potentiometers do not show the offset or backlash of a
+    servo.
 
-    A task that is sampled from a seed (`random`, `reach`) and given by name without one is sampled
-    anew for every episode, by `np_random`, and keeps its duration; with `seed=` it stays.
+    A task that is sampled from a seed (`random`, `reach`), if given by name without one, is
+    resampled for every episode by `np_random`, with the same duration; `seed=` fixes it.
 
     Attributes:
-        takes: Names of the options that it has, which `config.EnvConfig` explains.
+        takes: Names of its options, which `config.EnvConfig` explains.
         config: The options.
         task: The task, `task.robot` its nominal robot.
-        twin: What is simulated of a robot driven by length, which policies are not meant to look
-            at; None of another.
+        twin: What is simulated for a robot driven by length, hidden from policies; None for
+            others.
         control_period: [s].
-        axes: The coordinates out of x, y and z that positions have, a slice of (3,).
+        axes: The coordinates among x, y and z that positions have, a slice of (3,).
         input_scale: (n_inputs,) [N] or [m], input of a full-scale action.
-        observe_as, act_as: As given, or what is usual.
-        vector_layout: Slices of an observation by name, where it is one vector; else None.
+        observe_as, act_as: As given, or the defaults.
+        vector_layout: Slices of an observation by name, if it is one vector; otherwise None.
         reading: What a file says of that vector, see `vector_reading`.
         model, data: The MuJoCo objects of the running scene; None with another plant.
         current_task: The task of the running episode: `task`, with what was sampled and given to
             `reset`.
-        simulation: What is advanced; another one after a reset that varies the robot.
-        command: (nu,) what the drives are to do [N or m], to be written to by who acts without
+        simulation: The running simulation, replaced by a reset that varies the robot.
+        command: (nu,) commands of the drives [N or m], which can be written to act without
             `step`.
     """
 

@@ -72,7 +72,7 @@ class _FingerTable:
     Attributes:
         name: Unique name.
         robot: Path of the robot's file, from the folder of this one.
-        base: Where it is clamped; its own x axis points to what it grips.
+        base: Where it is clamped; its own x axis points towards the object.
     """
 
     name: Name

@@ -77,24 +77,25 @@ class Drive:
     """How the tendons of a robot are driven.
 
     Attributes:
-        kind: "tension", or "length" by servos that wind up tendons which give.
+        kind: "tension", or "length" by servos that wind up elastic tendons.
         speed: [m/s] at which a length can change; inf unless known.
-        travel: [m], pulled in by a full-scale action to either side; see `robots.actuation` for
-            what it is unless given.
+        travel: [m], pulled in by a full-scale action to either side; the default is in
+            `robots.actuation`.
         backlash: [m], width of the servos' dead band.
-        gain: [N/m], force per error of the servos' position loop, at the spool as all forces here.
-            Unless given servos have any force and are where their speed lets them be; with a gain
-            they obey `scene.integration.motors`, and may have what follows up to `command_delay`.
-        velocity_gain: [N s/m], force of the loop against the motor's speed.
+        gain: [N/m], force per error of the servos' position loop, at the spool, as are all forces
+            here. Without a gain, servos have unlimited force and only their speed is limited; with
+            one they follow `scene.integration.motors`, and may have the keys below up to
+            `command_delay`.
+        velocity_gain: [N s/m], force of the loop opposing the motor's speed.
         force_limit: [N], largest force of the motor, which stalls there.
         reflected_mass: [kg], inertia of rotor and gear over the square of the spool's radius.
         gear_friction: [N], dry friction of motor and gear.
-        encoder_step: [m], width of a count of the encoder, within which the loop has no force.
+        encoder_step: [m], width of an encoder count, within which the loop exerts no force.
         command_delay: [s], dead time from a command to the loop.
-        spool_radius: [m], from the axis of the spool to the wire at command 0; commands are turns
-            times its circumference.
-        wire_diameter: [m], height of a layer, by which the wire lies higher after each turn.
-        seating: [m], stretch after which a wire that was slack is as stiff as it gets.
+        spool_radius: [m], distance from the axis of the spool to the wire at command 0; commands
+            are turns times its circumference.
+        wire_diameter: [m], thickness that each turn adds to the radius of the spool.
+        seating: [m], stretch after which a wire that was slack reaches its full stiffness.
     """
 
     kind: Annotated[DriveKind, Key("drive")] = "tension"
@@ -652,7 +653,7 @@ class Finger(Record):
     Attributes:
         name: Unique name.
         robot: The robot.
-        base: Where it is clamped; its own x axis points to what it grips.
+        base: Where it is clamped; its own x axis points towards the object.
     """
 
     name: Name
@@ -668,7 +669,7 @@ class Gripper:
         name: Key in `GRIPPERS`.
         fingers: One or more.
         gravity: (3,) [m/s2].
-        palm: Sizes (3,) [m] of a block below z = 0; None without.
+        palm: Sizes (3,) [m] of a block below z = 0; None if there is no palm.
         file: That describes it, None of others.
     """
 

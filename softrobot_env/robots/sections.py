@@ -46,9 +46,9 @@ class Section:
         inner_radius: [m], as the outer one; 0 is solid.
         poisson_ratio: [1], in (-1, 0.5].
         bending_friction: [N m], largest moment by which dry friction of the backbone resists a
-            change of its curvature: hysteresis of a superelastic wire, or a wire that rubs in its
-            discs. It keeps a robot bent that nothing pulls. In motion MuJoCo has it about each
-            hinge, so that it is up to 1.4 times as large between them.
+            change of its curvature: hysteresis of a superelastic wire, or friction of a wire in
+            its discs. It keeps a released robot bent. In motion MuJoCo applies it about each
+            hinge axis, so that it is up to 1.4 times as large in directions between them.
     """
 
     length: Length

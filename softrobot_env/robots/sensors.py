@@ -45,14 +45,15 @@ class Sensor:
     """A curvature sensor on the backbone.
 
     * "planar": fibre segments in series; light is lost at each joint by its angle (thesis 4.1).
-      One reading, the same to all sides.
+      One reading, which does not depend on the direction.
     * "spatial": one incoming and four tilted outgoing fibres that meet at the middle (4.2).
       Four readings.
-    * "tags": what a camera sees of markers, the turn from each to the next towards an azimuth.
+    * "tags": markers seen by a camera: the rotation from each to the next towards an azimuth.
 
-    Readings of fibres are light over that of the ideal straight sensor, those of tags are in rad.
-    What follows `delay` are imperfections; without them a sensor is ideal but for noise and steps
-    of its converter. They belong to a robot as it is built: give them to what is simulated.
+    Readings of fibres are light relative to that of the ideal straight sensor, those of tags are in
+    rad. Parameters after `delay` are imperfections; without them a sensor is ideal except for the
+    noise and resolution of its converter. They belong to an individual robot: give them to the
+    simulated one.
 
     Attributes:
         name: Of the sensor.
@@ -63,17 +64,17 @@ class Sensor:
         azimuth: [rad] of the first outgoing fibre, or of the direction that tags measure.
         acceptance: [rad], angle of the fibres (T: 20 degrees).
         noise: Standard deviation, [LSB] of the converter, or [rad] of tags; see `deviation`.
-        rate: [Hz] (T: 50), a sample is taken at the first control instant after it is due.
+        rate: [Hz] (T: 50); a sample is taken at the first control instant after it is due.
         delay: [s], rounded to whole control periods.
-        temperature: [K], warming up of the diode after the start (S).
+        temperature: [K], warm-up of the diode after the start (S).
         drift: [1], standard deviation of the slow change of each light path's gain (S).
-        hysteresis: [1], share of the bend that follows with backlash (I from the thesis' error of
+        hysteresis: [1], fraction of the bend that lags with backlash (I from the thesis' error of
             0.34 degrees with polynomials of order 5).
         stretch: [1], light lost per strain, where the sensor is off the neutral fibre (S).
-        stray: [1/N], light that leaks in per contact force on it, over that when straight (S).
+        stray: [1/N], light that leaks in per contact force on it, relative to straight (S).
         flicker: [1], standard deviation of each sample's gain (audit: 1 to 2 %, S).
         spread: [1], how specimens differ: gains, angles, tilts, acceptance and azimuth [rad] (S).
-        specimen: What the specimen's differences are sampled from.
+        specimen: Seed of the specimen's differences.
     """
 
     name: Name

@@ -32,10 +32,11 @@ _NODES, _SHARES = (x / 2 for x in np.polynomial.legendre.leggauss(8))
 class FeedLine:
     """What a tendon runs through between its drive and the robot, such as a Bowden sheath.
 
-    How it gives is part of the tendon's `stiffness`, which is that between drive and robot.
+    Its compliance is part of the tendon's `stiffness`, which covers everything between drive and
+    robot.
 
     Attributes:
-        bend_angle: [rad], by which it turns in all, wherever it turns to.
+        bend_angle: [rad], total angle by which it bends, in any direction.
         friction_coefficient: [1], as of `Tendon`.
     """
 
@@ -53,13 +54,13 @@ class FeedLine:
 
 @dataclass(frozen=True)
 class Tendon:
-    """A tendon beside the neutral fibre, anchored at arc length `end`.
+    """A tendon at a distance from the neutral fibre, anchored at arc length `end`.
 
-    Its place in the cross-section is `offset` at the base. It stays there unless `route` or `turns`
-    say otherwise: between the points of a route the offset is linear in the arc length, as a tendon
-    runs through drilled holes or from disc to disc (a spline would overshoot its points and could
-    leave the body), and all of it turns about the fibre at a constant rate. In the straight robot
-    the route without turns is a chain of straight lines, the one with turns alone a helix.
+    Its position in the cross-section is `offset` at the base, and everywhere unless `route` or
+    `turns` are given: between the points of a route the offset is linear in the arc length, as a
+    tendon runs through drilled holes or from disc to disc (a spline would overshoot its points and
+    could leave the body), and all of it turns about the fibre at a constant rate. In the straight
+    robot the route without turns is a chain of straight lines, the one with turns alone a helix.
 
     Attributes:
         name: Unique name.
@@ -70,17 +71,18 @@ class Tendon:
         guides: [m], increasing arc lengths of the guide discs between base and `end`.
             Empty means a continuous channel: the limit of infinitely many guides, with
             constant moment arm (the thesis' B(y) of sec. 6.2.2).
-        stiffness: [N/m] between drive and robot; it matters only to tendons driven by length,
-            which need a finite one.
+        stiffness: [N/m] between drive and robot; it only matters for tendons driven by length,
+            which need a finite value.
         pretension: [N], smallest tension kept in the tendon.
-        friction: [N], largest dry (Coulomb) friction between tendon and robot; of a slack tendon
-            as well, as it stands for what else rubs in the robot. At rest it is no more than the
-            tension where sections have `bending_friction`.
-        friction_coefficient: [1], mu of friction in proportion to what the tendon presses on its
-            channel or guides: sliding around an angle a changes its tension by exp(-mu a).
-        feed_line: Between drive and robot; nothing holds the tendon there without.
+        friction: [N], largest dry (Coulomb) friction between tendon and robot; it also
+            acts on a slack tendon, as it represents other friction in the robot. At rest it is at
+            most the tension where sections have `bending_friction`.
+        friction_coefficient: [1], mu of friction proportional to the force with which the tendon
+            presses on its channel or guides: sliding around an angle a changes its tension by
+            exp(-mu a).
+        feed_line: Between drive and robot; without one there is no friction there.
         route: Via-points (s, x, y) [m] after the base: arc length and position in the
-            cross-section, the last one at `end`. Guides need none of their own.
+            cross-section, the last one at `end`. Guides need no via-points.
         turns: Full turns [1] about the fibre from the base to `end`, from +x towards +y.
     """
 

@@ -1,18 +1,20 @@
-"""Digital twins of robots driven by length: robots with errors that no controller knows of.
+"""Digital twins of robots driven by length: robots with errors that are unknown to controllers.
 
-A twin stands for one built robot. What it is sampled from:
+A twin represents one built robot. It is sampled from:
 
-* Young's modulus around 0.9 of the one believed in, tendons turned by 7 degrees: inferred by
+* Young's modulus around 0.9 of the nominal one, tendons turned by 7 degrees: inferred by
   recomputation, these two reproduce the errors of the thesis' model-based controllers (audit sec.
   2, model mismatch; Tabs. 5.2 and 5.3);
 * of a robot whose parameters are those of another model than a chain, such as the rig of the
   thesis, the modulus of its chain (`RobotEntry.stiffer`);
-* friction of 0.05 N in every tendon (fitted): with it, networks of a stand-in that is visited
-  without dither err by what the thesis reports, 0.72 mm at the tip and 0.12 mm in the lengths
-  (thesis: 0.77 and 0.11); 0.1 N gives 1.2 and 0.18 mm, 0.3 N 3.1 and 0.48 mm (`softrobot
-  benchmark rig_networks`). Twins are visited with dither, which more than halves these errors;
-* damping within 20 % of that, whose unit the audit had to infer, whatever the modulus;
-* curvature sensors with imperfections of usual size (`robots.sensors.USUAL`);
+* friction of 0.05 N in every tendon (fitted): with it, networks of a simulated rig that is
+  measured without dither have the errors that the thesis reports, 0.72 mm at the tip and 0.12 mm in
+  the lengths (thesis: 0.77 and 0.11); 0.1 N gives 1.2 and 0.18 mm, 0.3 N 3.1 and 0.48 mm
+  (`softrobot benchmark rig_networks`). Twins are measured with dither, which more than halves these
+  errors;
+* damping within 20 % of the nominal one, whose unit the audit had to infer, regardless of the
+  modulus;
+* curvature sensors with the usual imperfections (`robots.sensors.USUAL`);
 * everything else: assumptions of this package about a silicone body cast by hand, tendons laid by
   hand, hobby servos and a webcam of 90 frames a second.
 """

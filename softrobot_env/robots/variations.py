@@ -1,6 +1,6 @@
-"""What varies between episodes: parameters of a robot, of its drives and of its sensors.
+"""Parameters of a robot, its drives and its sensors that can vary between episodes.
 
-An entry of `VARIATIONS` is all that a varied parameter needs: `RobotParams.vary`, the option `vary`
+One entry of `VARIATIONS` defines a varied parameter: `RobotParams.vary`, the option `vary`
 of environments, `Randomization`, `softrobot evaluate --vary` and the labels of reports read it.
 """
 
@@ -24,15 +24,15 @@ class Variation:
     Attributes:
         name: In `vary`, `Randomization`, `--vary` and, after "variation_", in `info`.
         apply: Function of a robot (`RobotParams`) and a value that returns the varied robot; None
-            of what lies between robot and policy, which environments know themselves.
-        neutral: Value that changes nothing.
+            for drives and sensors, which environments handle themselves.
+        neutral: Value that leaves everything unchanged.
         range: Smallest and largest value.
-        unit: In SI, "1" of factors.
-        label: How reports show a value.
+        unit: In SI, "1" for factors.
+        label: Text for a value in reports.
         scales: Fields of a MuJoCo model that are proportional to the value, if that is all that
             changes. Many simulations then vary at once; else a scene is built for each.
-        shifts: Fields that are linear in it, likewise.
-        switches: Fields that have another value as soon as it is not neutral, likewise.
+        shifts: Fields that depend linearly on it, under the same condition.
+        switches: Fields that change as soon as it is not neutral, under the same condition.
         at_once: Function of a robot that says whether these fields are all that changes; of any
             robot unless given.
         incompatibility: Function of a robot that says why it cannot have other values, or returns

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 from numpy import ndarray
-from numpy.linalg import LinAlgError, norm, solve, svd
+from numpy.linalg import LinAlgError, eigh, lstsq, norm, solve, svd
 
 from softrobot_env.core.equilibrium import EquilibriumError, positive_definite
 from softrobot_env.core.processes import one_blas_thread
@@ -42,14 +42,15 @@ from .tendons import Wires, full_length
 #: Largest distance of a tip from its point, as a share of the robot's reach, that counts as on it.
 REACHED = 1e-7
 
-_ITERATIONS, _RELAXING = 30, 15  # in all, and towards the least norm; later ones close the gap
+_ITERATIONS, _RELAXING = 30, 10  # in all, and towards the least norm; later ones close the gap
 _LARGEST_STEP, _LARGEST_TURN = 0.3, 1.0  # of an action; rad that all joints make together
 _BALANCED = 1e-7  # rad
 _RELAXED = 1e-6  # step of an action towards the least norm that is left
 _DAMPING = 1e-3  # of the gap times the largest singular value
 _RANK = 1e-7  # of the largest singular value
 _CLOSE = 1e-2  # of the reach: gaps at which the way to the least norm is found by secants
-_LEAST_SHARE, _MOST_SHARE = 0.05, 4.0  # of the way to the least norm in one iteration
+_PATIENCE, _BETTER = (8, 5), (0.9, 0.5)  # iterations that lessen the gap, or a step close to it
+_BEND, _FLAT = (0.25, 20.0), 1e-8  # bounds of what bends the way to the least norm; as good as none
 _HALVINGS = 4  # of the way to a point
 _LEAST_END = 1 / 64  # of full scale, for the end of a line
 _FOLLOWING, _FOLLOWED = 0.5, 5  # of the way to the least norm; iterations of `follow`
@@ -307,7 +308,7 @@ class InverseStatics:
             if linear is None:
                 return None
             gap = point - linear.tip
-            step, _ = least_step(linear.tip_by_actions, gap, action, share if k == 0 else 0.0)
+            step = least_step(linear.tip_by_actions, gap, action, share if k == 0 else 0.0)
             turn = linear.balance + linear.by_actions @ step
             if np.abs(turn).max() > self._turn or np.abs(step).max() > _LARGEST_STEP:
                 return None
@@ -586,26 +587,36 @@ class InverseStatics:
         return found._replace(error=float(error))
 
     def _near(self, point: ndarray, start: Place, relaxing: int = _RELAXING) -> Place:
-        """Iterate from a start, `relaxing` times towards the least norm besides closing the gap."""
+        """Iterate from a start, `relaxing` times towards the least norm besides closing the gap.
+
+        Fewer times where that ends at a kink, where one tendon goes slack as another is pulled. A
+        point that comes no nearer from afar is given up.
+        """
         action, posture = start.action, start.posture
-        share, before = 1.0, None
+        share, before, bend = 1.0, None, np.eye(len(action))
+        least, stuck = [np.inf, np.inf], [0, 0]  # from afar, and close to the point
         for k in range(_ITERATIONS):
             linear = self.linearised(action, posture)
             if linear is None:
                 return Place(action, self.inputs_for(action, posture), posture, np.inf)
-            gap = point - linear.tip
-            step, idle = least_step(linear.tip_by_actions, gap, action, share)
-            close = before is not None and norm(gap) < _CLOSE * self.scene.config.robot.reach
-            if close or k >= relaxing:
-                share = _share_by_secant(share, before, idle) if k < relaxing else 0.0
-                step, idle = least_step(linear.tip_by_actions, gap, action, share)
+            gap, by_actions = point - linear.tip, linear.tip_by_actions
+            close = int(before is not None and norm(gap) < _CLOSE * self.scene.config.robot.reach)
+            if close:
+                share, bend = 1.0, _bent(bend, action, by_actions, *before)
+            step = least_step(by_actions, gap, action, share * (k < relaxing), bend=bend)
+            before, left = (action, by_actions), norm(step if close else gap)
+            stuck[close] = 0 if left < _BETTER[close] * least[close] else stuck[close] + 1
+            least[close] = min(left, least[close])
+            relaxing = min(relaxing, k) if stuck[1] == _PATIENCE[1] else relaxing
+            if stuck[0] == _PATIENCE[0]:
+                break
             turn = linear.balance + linear.by_actions @ step
             size = max(np.abs(step).max() / _LARGEST_STEP, np.abs(turn).max() / self._turn, 1.0)
             action = np.clip(action + step / size, -1.0, 1.0)
             posture = self.moved(posture, turn / size)
             if np.abs(turn).max() < _BALANCED and np.abs(step).max() < _RELAXED:
                 return self._settled(point, action, posture, linear.stiffness)
-            share, before = share / size, idle
+            share /= size
         return self._settled(point, action, posture)
 
     def _settled(
@@ -699,9 +710,14 @@ def _controls(scene: Scene, commanded: ndarray) -> ndarray:
 
 
 def least_step(
-    jacobian: ndarray, gap: ndarray, action: ndarray, share: float, damping: float = 0.0
-) -> tuple[ndarray, ndarray]:
-    """Change (m,) of actions that closes a gap (k,) within their box, and their part of no effect.
+    jacobian: ndarray,
+    gap: ndarray,
+    action: ndarray,
+    share: float,
+    damping: float = 0.0,
+    bend: ndarray | None = None,
+) -> ndarray:
+    """Change (m,) of actions that closes a gap (k,) within their box.
 
     Actions that would leave the box are held at its bounds and the others make up for them.
 
@@ -711,47 +727,60 @@ def least_step(
         action: Before.
         share: Of the way to the least norm.
         damping: [m], singular values well below it are not inverted.
+        bend: (m, m), how the gradient of the norm changes along the tips; the unit matrix, as if
+            the jacobian were constant, unless given.
     """
     held = np.full(len(action), np.nan)
+    bend = np.eye(len(action)) if bend is None else bend
     while True:
         free = np.isnan(held)
         step = np.where(free, 0.0, held - action)
-        idle = np.zeros(len(action))
         if free.any():
             left = gap - jacobian @ step
-            step[free], idle[free] = _free_step(
-                jacobian[:, free], left, action[free], share, damping
-            )
+            slope, within = (action + bend @ step)[free], bend[np.ix_(free, free)]
+            step[free] = _free_step(jacobian[:, free], left, slope, share, damping, within)
         beyond = free & (np.abs(action + step) > 1.0)
         if not beyond.any():
-            return step, idle
+            return step
         held[beyond] = np.sign(action + step)[beyond]
 
 
 def _free_step(
-    jacobian: ndarray, gap: ndarray, action: ndarray, share: float, least: float
-) -> tuple[ndarray, ndarray]:
-    """As `least_step`, without the box."""
-    left, singular, right = svd(jacobian, full_matrices=False)
-    kept = singular > _RANK * max(singular[0], 1e-300)
-    left, singular, right = left[:, kept], singular[kept], right[kept]
+    jacobian: ndarray, gap: ndarray, slope: ndarray, share: float, least: float, bend: ndarray
+) -> ndarray:
+    """As `least_step`, without the box, for the slope (m,) of half the squared norm."""
+    left, singular, right = svd(jacobian)
+    singular = singular[singular > _RANK * max(singular[0], 1e-300)]
     if not len(singular):
-        return np.zeros((2, len(action)))
+        return np.zeros(len(slope))
+    rank = len(singular)
     damping = _DAMPING * norm(gap) * singular[0] + least**2
-    to_point = right.T @ (singular / (singular**2 + damping) * (left.T @ gap))
-    idle = action - right.T @ (right @ action)
-    return to_point - share * idle, idle
+    to_point = right[:rank].T @ (singular / (singular**2 + damping) * (left[:, :rank].T @ gap))
+    idle = right[rank:]
+    if not share or not len(idle):
+        return to_point
+    values, ways = eigh(idle @ bend @ idle.T)
+    idle = ways.T @ idle
+    away = idle @ (slope + bend @ to_point) / np.clip(np.abs(values), *_BEND)
+    return to_point - share * idle.T @ away
 
 
-def _share_by_secant(share: float, before: ndarray, idle: ndarray) -> float:
-    """Share of the way to the least norm that may end it, from what the last one did.
+def _bent(
+    bend: ndarray, action: ndarray, by_actions: ndarray, last: ndarray, last_by: ndarray
+) -> ndarray:
+    """What a step between two actions (m,) and jacobians (k, m) tells about `bend`.
 
-    By the parts (m,) of the actions that were idle before and after it (Barzilai and Borwein,
-    "Two-point step size gradient methods", 1988).
+    The symmetric rank-one update of the Hessian of the Lagrangian (Nocedal and Wright, "Numerical
+    Optimization", 2006, 6.2 and 18.3).
     """
-    change = before - idle
-    share *= (before @ change) / max(change @ change, 1e-300)
-    return float(np.clip(share, _LEAST_SHARE, _MOST_SHARE))
+    free = np.abs(action) < 1.0
+    holds = lstsq(by_actions[:, free].T, action[free], rcond=_RANK)[0]
+    step = action - last
+    off = step - (by_actions - last_by).T @ holds - bend @ step
+    along = off @ step
+    if abs(along) <= _FLAT * norm(off) * norm(step):
+        return bend
+    return bend + np.outer(off, off) / along
 
 
 #: Actions of a sample unless said otherwise.

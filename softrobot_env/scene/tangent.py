@@ -74,6 +74,7 @@ class StaticForces:
             _STRUCTURES[model] = _structure(model)
         self._of = _STRUCTURES[model]
         self._tip, self._pull = model.site(TIP_SITE).id, np.zeros(3)
+        self._placed: ndarray | None = None  # the posture whose tendons are known
         self._laws = None if is_ideal(model) else _laws(model, by_servos)
         #: (nu,), stiffness of a drive and its force per control, over those of its spring.
         self._by_slack, self._by_control = np.ones((2, model.nu))
@@ -141,8 +142,9 @@ class StaticForces:
 
     def tip(self, qpos: ndarray) -> ndarray:
         """Tip (3,) [m] in a posture (nq,)."""
-        self._data.qpos[:] = qpos
-        mujoco.mj_kinematics(self.model, self._data)
+        if not np.array_equal(self._placed, qpos):
+            self._placed, self._data.qpos[:] = None, qpos
+            mujoco.mj_kinematics(self.model, self._data)
         return self._data.site_xpos[self._tip].copy()
 
     def tendon_length(self, qpos: ndarray) -> ndarray:
@@ -151,8 +153,10 @@ class StaticForces:
         return self._data.ten_length.copy()
 
     def _place(self, qpos: ndarray) -> None:
-        """Take a posture (nq,)."""
-        self._data.qpos[:] = qpos
+        """Take a posture (nq,), unless it is taken already."""
+        if np.array_equal(self._placed, qpos):
+            return
+        self._placed = self._data.qpos[:] = qpos.copy()
         for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
             compute(self.model, self._data)
 
@@ -278,7 +282,7 @@ class StaticForces:
             turns, end = spans.turns, places[spans.end]
             span = end - places[spans.start]
             length = norm(span, axis=1)[:, None]
-            axis, arm = axes[turns], end[:, None] - anchors[turns]
+            axis, arm = axes[turns] * spans.real, end[:, None] - anchors[turns]
             across = _cross(_cross(axis, arm), (span / length)[:, None])
             pulled = tension[:, None, None] * across
             later = axis @ pulled.transpose(0, 2, 1)
@@ -522,7 +526,7 @@ class _Structure:
         on_sites, on_tendons: Actuators.
         frames: (loads,) sites in whose axes the loads are given.
         followers: Loads that turn with what they act on.
-        spans: Of the tendons, those with equally many turns between their ends together.
+        spans: Of the tendons, those with about as many turns between their ends together.
         sites: Of the loads.
         from_tip: Order of bodies, tip and sites from the tip to the base.
         beyond: (nv,) how many of them each turn moves.
@@ -585,7 +589,8 @@ class _Spans:
     Attributes:
         tendon: (k,) index.
         start, end: (k,) sites, from base to tip.
-        turns: (k, n) those between them.
+        turns: (k, n) those between them, and the first again where others of the group have more.
+        real: (k, n, 1) those between them.
         moves: (k, n, n) whether turn l, the column, moves the axis of turn k.
         places: (k n n,) of pairs of them in a matrix (nv, nv) without its shape: NumPy adds up at
             these twenty times as fast as at pairs of indices.
@@ -595,6 +600,7 @@ class _Spans:
     start: ndarray
     end: ndarray
     turns: ndarray
+    real: ndarray
     moves: ndarray
     places: ndarray
 
@@ -607,14 +613,18 @@ def _spans(model: MjModel, moving: ndarray, moves: ndarray) -> tuple[_Spans, ...
     count = moving[model.site_bodyid[pairs]]
     start, end = np.where(count[0] > count[1], pairs[::-1], pairs)  # from base to tip
     low, size = count.min(axis=0), np.abs(count[1] - count[0])
-    groups = []
-    for n in np.unique(size[size > 0]):
-        chosen = size == n
-        turns = low[chosen, None] + np.arange(n)
+    groups, doublings = [], np.ceil(np.log2(np.maximum(size, 1)))
+    for group in np.unique(doublings[size > 0]):
+        chosen = (doublings == group) & (size > 0)
+        own = np.arange(size[chosen].max())
+        real = own < size[chosen, None]
+        turns = np.where(real, low[chosen, None] + own, low[chosen, None])
         places = (turns[:, :, None] * model.nv + turns[:, None, :]).ravel()
-        between = moves.ravel()[places].reshape(-1, n, n)
+        between = moves.ravel()[places].reshape(-1, len(own), len(own))
         ends = start[chosen], end[chosen]
-        groups.append(_Spans(tendon[first[chosen]], *ends, turns, between, places))
+        groups.append(
+            _Spans(tendon[first[chosen]], *ends, turns, real[:, :, None], between, places)
+        )
     return tuple(groups)
 
 

@@ -58,6 +58,10 @@ _FELT = 1e-8
 #: total degree, which may be so far off, over the reach.
 _RINGS, _SPOKES, _DEGREE, _SMOOTH = 6, 20, 8, 1e-4
 
+#: Share of the reach that a tip of such a surface has to spare which was beyond it: series through
+#: tips are about as exact.
+_SPARE = 1e-6
+
 
 class ReachableRegion(NamedTuple):
     """Where a robot's tasks take place.
@@ -363,10 +367,17 @@ class _Sheet(NamedTuple):
     height: ndarray
 
     def over(self, flat: ndarray) -> ndarray:
-        """Tips (n, 3) [m] over points (n, 3) in the plane of the ground, within the ellipse."""
-        ground = self.site.ground
-        away = (flat - ground.middle) @ ground.axes.T / self.size
-        return flat + np.outer(_powers(away) @ self.height, np.cross(*ground.axes))
+        """Tips (n, 3) [m] over points (n, 3) in the plane of the ground, within the ellipse.
+
+        As the surface is fitted, tips of a straight robot may be farther out than it is long: they
+        are taken back.
+        """
+        ground, robot = self.site.ground, self.site.inverse.scene.config.robot
+        share = (flat - ground.middle) @ ground.axes.T / self.size
+        tips = flat + np.outer(_powers(share) @ self.height, np.cross(*ground.axes))
+        away = tips - robot.clamp.position
+        far = norm(away, axis=1, keepdims=True) / robot.reach
+        return tips - np.where(far > 1, 1 - (1 - _SPARE) / far, 0.0) * away
 
 
 def _powers(points: ndarray) -> ndarray:

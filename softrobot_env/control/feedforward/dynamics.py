@@ -198,7 +198,7 @@ class InverseDynamics(Feedforward):
             near = near or solver.linearised(action, posture)
             if near is None:
                 return solver.turns(place.posture, posture)
-            step, _ = least_step(near.tip_by_actions, target - near.tip, action, 0.0)
+            step = least_step(near.tip_by_actions, target - near.tip, action, 0.0)
             turn = near.balance + near.by_actions @ step
             action, posture = action + step, solver.moved(posture, turn)
         return solver.turns(place.posture, posture)
@@ -206,7 +206,7 @@ class InverseDynamics(Feedforward):
     def _balanced(self, action: ndarray, linear: Linear, force: ndarray) -> tuple[ndarray, ndarray]:
         """Change (m,) of the actions, and shift (nv,), under more force without the tip moving."""
         bent = solve(linear.stiffness, force)
-        step, _ = least_step(linear.tip_by_actions, linear.tip_by_turns @ bent, action, 0.0)
+        step = least_step(linear.tip_by_actions, linear.tip_by_turns @ bent, action, 0.0)
         return step, linear.by_actions @ step - bent
 
     def _driven(self, wanted: ndarray, before: ndarray | None) -> tuple[ndarray, str | None]:

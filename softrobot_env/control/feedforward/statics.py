@@ -308,7 +308,7 @@ class ChainStatics:
             return rest.inputs, True
         axes = self.axes(len(change))
         gap = change - (linear.tip_by_turns @ linear.balance)[axes]
-        step, _ = least_step(linear.tip_by_actions[axes], gap, place.action, 0.0, self.damping)
+        step = least_step(linear.tip_by_actions[axes], gap, place.action, 0.0, self.damping)
         inputs = rest.inputs + self.world.inputs_by(place.action, step)
         limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
         return inputs, bool(limited.any() or np.any(np.abs(place.action + step) >= 1.0))
