@@ -2,9 +2,10 @@
 
 import mujoco
 import numpy as np
+import pytest
 
 from softrobot_env.compile.native import called, shared
-from softrobot_env.scene.integration.articulated import Tree, factorize, solve
+from softrobot_env.scene.integration.articulated import SIDE, Tree, factorize, solve
 
 #: Two trees with branches, several joints on a body, and bodies that are welded on.
 TREES = """<mujoco><worldbody>
@@ -21,29 +22,31 @@ TREES = """<mujoco><worldbody>
 
 
 @called
-def solve_all(tree, axes, inertias, diagonal, rows):
-    """Rows (k, nv) become solutions; compiled code is called by compiled code."""
+def solve_all(tree, axes, inertias, diagonal, columns, count):
+    """Columns (nv, groups) become solutions; compiled code is called by compiled code."""
     held = shared(tree)
     factorize(held, axes, inertias, diagonal)
-    solve(held, rows, len(rows))
+    solve(held, columns, count)
 
 
-def test_trees_of_any_joints_are_solved():
+@pytest.mark.parametrize("count", [1, 3, SIDE, SIDE + 2])
+def test_trees_of_any_joints_are_solved(count):
     model = mujoco.MjModel.from_xml_string(TREES)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     for i in range(model.nv):
         mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv) * np.eye(model.nv)[i], 1)
     mujoco.mj_forward(model, data)
-    diagonal, rows = rng.uniform(0, 0.1, model.nv), rng.normal(size=(3, model.nv))
+    diagonal = rng.uniform(0, 0.1, model.nv)
+    columns = rng.normal(size=(model.nv, -(-count // SIDE) * SIDE))
     mass = np.empty((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
-    truth = np.linalg.solve(mass + np.diag(diagonal), rows.T).T
+    truth = np.linalg.solve(mass + np.diag(diagonal), columns[:, :count])
     nv, bodies = model.nv, model.nbody
     tree = Tree(
         *(model.body_parentid, model.body_dofadr, model.body_dofnum),
         *(np.empty((nv, 6)), np.empty((nv, 6)), np.empty(nv)),
-        *(np.empty((bodies, 21)), np.empty((3 * bodies, 6))),
+        *(np.empty((bodies, 21)), np.empty((-(-count // SIDE) * bodies, 6 * SIDE))),
     )
     resistance = diagonal + model.dof_armature
-    solve_all(tree, data.cdof.ravel(), data.cinert.ravel(), resistance, rows)
-    np.testing.assert_allclose(rows, truth, rtol=1e-11, atol=1e-12)
+    solve_all(tree, data.cdof.ravel(), data.cinert.ravel(), resistance, columns, count)
+    np.testing.assert_allclose(columns[:, :count], truth, rtol=1e-11, atol=1e-12)

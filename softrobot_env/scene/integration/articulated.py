@@ -20,6 +20,9 @@ from .mujoco_functions import ints
 #: Numbers of an axis, of an inertia as MuJoCo has it, and of the lower half of its matrix.
 AXIS, INERTIA, _HALF = 6, 10, 21
 
+#: Columns of a group: they are solved for side by side, in one stroke of the processor.
+SIDE = 8
+
 
 class Tree(NamedTuple):
     """A chain's bodies, and what is left of its mass matrix.
@@ -30,7 +33,8 @@ class Tree(NamedTuple):
         moments: (nv, 6), of the axes, by the inertia of all that moves with them.
         inverse: (nv,), of what resists a DOF alone.
         inertias: (nbody, 21), articulated, the lower halves of matrices by rows.
-        motion: (nbody rows, 6), forces from the tips on, then accelerations from the base on.
+        motion: (nbody groups, 6 SIDE), of groups of columns, forces from the tips on, then
+            accelerations from the base on.
     """
 
     parents: ndarray
@@ -44,14 +48,21 @@ class Tree(NamedTuple):
 
 
 @jit
-def tree_size(chain, rows):
+def groups(columns):
+    """How many groups columns make."""
+    return -(-columns // SIDE)
+
+
+@jit
+def tree_size(chain, columns):
     """Number of doubles that `tree_on` cuts."""
-    return chain.v.size * (2 * AXIS + 1) + chain.header[NBODY] * (_HALF + rows * AXIS)
+    motion = groups(columns) * AXIS * SIDE
+    return chain.v.size * (2 * AXIS + 1) + chain.header[NBODY] * (_HALF + motion)
 
 
 @making
-def tree_on(chain, room, rows):
-    """A tree without inertia, cut from free memory, to solve for as many rows at once."""
+def tree_on(chain, room, columns):
+    """A tree without inertia, cut from free memory, to solve for as many columns at once."""
     model, header, nv, bodies = chain.model, chain.header, chain.v.size, chain.header[NBODY]
     return Tree(
         ints(model, header[AT.body_parentid], bodies),
@@ -61,7 +72,7 @@ def tree_on(chain, room, rows):
         mj.cut(room, nv, AXIS),
         mj.cut(room, 1, nv)[0],
         mj.cut(room, bodies, _HALF),
-        mj.cut(room, bodies * rows, AXIS),
+        mj.cut(room, bodies * groups(columns), AXIS * SIDE),
     )
 
 
@@ -130,36 +141,87 @@ def _fill(half, inertias, at):
 
 @jit
 def solve(tree, x, count):
-    """Let the first rows of x (rows, nv) be the solutions for them.
-
-    All at once: one alone waits for its own sums at every body.
-    """
-    bodies, motion = tree.parents.size, tree.motion
-    for k in range(bodies * count):
-        for r in range(AXIS):
+    """Let the first columns of x (nv, groups SIDE) be the solutions for them."""
+    if count == 1:
+        _solve_one(tree, x)
+        return
+    bodies, motion, number = tree.parents.size, tree.motion, groups(count)
+    for k in range(bodies * number):
+        for r in range(AXIS * SIDE):
             motion[k, r] = 0.0
     for b in range(bodies - 1, 0, -1):
         for i in range(tree.first[b] + tree.count[b] - 1, tree.first[b] - 1, -1):
-            for k in range(count):
-                force = motion[b * count + k]
-                x[k, i] -= _product(tree.axes[i], force)
-                _add(force, x[k, i] * tree.inverse[i], tree.moments[i])
-        if tree.parents[b]:
-            for k in range(count):
-                _add(motion[tree.parents[b] * count + k], 1.0, motion[b * count + k])
+            ways = tree.axes[i], tree.moments[i], 1.0, tree.inverse[i]
+            for g in range(number):
+                most = min(SIDE, count - g * SIDE)
+                _pass(x[i, g * SIDE :], motion[b * number + g], ways, most)
+        for g in range(number if tree.parents[b] else 0):
+            below, here = motion[tree.parents[b] * number + g], motion[b * number + g]
+            for r in range(AXIS * SIDE):
+                below[r] += here[r]
     for b in range(1, bodies):
-        for k in range(count):
-            mj.assign(motion[b * count + k], motion[tree.parents[b] * count + k])
+        for g in range(number):
+            below, here = motion[tree.parents[b] * number + g], motion[b * number + g]
+            for r in range(AXIS * SIDE):
+                here[r] = below[r]
         for i in range(tree.first[b], tree.first[b] + tree.count[b]):
-            for k in range(count):
-                acceleration = motion[b * count + k]
-                x[k, i] = (x[k, i] - _product(tree.moments[i], acceleration)) * tree.inverse[i]
-                _add(acceleration, x[k, i], tree.axes[i])
+            ways = tree.moments[i], tree.axes[i], tree.inverse[i], 1.0
+            for g in range(number):
+                most = min(SIDE, count - g * SIDE)
+                _pass(x[i, g * SIDE :], motion[b * number + g], ways, most)
+
+
+@jit
+def _pass(x, motion, ways, count):
+    """Cross a DOF with a group: what comes along one way changes x, and that comes on by another.
+
+    Args:
+        x: The columns at the DOF.
+        motion: (6 SIDE,), on the body.
+        ways: Vectors (6,) of what counts of the motion and of what x adds to it, factors of both.
+        count: Columns.
+    """
+    seen, added, scale, share = ways
+    a, b, c, d, e, f = seen[0], seen[1], seen[2], seen[3], seen[4], seen[5]
+    g, h, i, j, k, m = added[0], added[1], added[2], added[3], added[4], added[5]
+    for n in range(count):
+        turned = a * motion[n] + b * motion[n + SIDE] + c * motion[n + 2 * SIDE]
+        moved = d * motion[n + 3 * SIDE] + e * motion[n + 4 * SIDE] + f * motion[n + 5 * SIDE]
+        y = scale * (x[n] - (turned + moved))
+        x[n] = y
+        y *= share
+        motion[n] += y * g
+        motion[n + SIDE] += y * h
+        motion[n + 2 * SIDE] += y * i
+        motion[n + 3 * SIDE] += y * j
+        motion[n + 4 * SIDE] += y * k
+        motion[n + 5 * SIDE] += y * m
+
+
+@jit
+def _solve_one(tree, x):
+    """As `solve`, for the first column alone."""
+    bodies, motion = tree.parents.size, tree.motion
+    for b in range(bodies):
+        for r in range(AXIS):
+            motion[b, r] = 0.0
+    for b in range(bodies - 1, 0, -1):
+        for i in range(tree.first[b] + tree.count[b] - 1, tree.first[b] - 1, -1):
+            x[i, 0] -= _product(tree.axes[i], motion[b])
+            _add(motion[b], x[i, 0] * tree.inverse[i], tree.moments[i])
+        if tree.parents[b]:
+            _add(motion[tree.parents[b]], 1.0, motion[b])
+    for b in range(1, bodies):
+        for r in range(AXIS):
+            motion[b, r] = motion[tree.parents[b], r]
+        for i in range(tree.first[b], tree.first[b] + tree.count[b]):
+            x[i, 0] = (x[i, 0] - _product(tree.moments[i], motion[b])) * tree.inverse[i]
+            _add(motion[b], x[i, 0], tree.axes[i])
 
 
 @jit
 def _product(a, b):
-    """Scalar product of (6,) and (6,)."""
+    """Scalar product of the first six."""
     total = 0.0
     for r in range(AXIS):
         total += a[r] * b[r]
@@ -168,6 +230,6 @@ def _product(a, b):
 
 @jit
 def _add(a, share, b):
-    """Add a share of (6,) to (6,)."""
+    """Add a share of the first six to those of a."""
     for r in range(AXIS):
         a[r] += share * b[r]

@@ -1,4 +1,4 @@
-"""One linearly implicit Euler step of a chain; compiled. `friction` has that of its tendons."""
+"""One linearly implicit Euler step of a chain; compiled. `friction` has what its tendons do."""
 
 from typing import NamedTuple
 
@@ -9,9 +9,9 @@ from softrobot_env.compile.native import jit, making
 from . import articulated
 from . import mujoco_functions as mj
 from .articulated import Tree, tree_on, tree_size
-from .friction import Trial, guess, pull, rub, trial_on, trial_size
+from .friction import Trial, settle, trial_on, trial_size
 from .layout import AT, RUBBING
-from .linear_algebra import dot, factorize
+from .linear_algebra import dot
 from .motors import move, tension_after, turn
 from .mujoco_functions import assign, ints, reals
 
@@ -26,12 +26,9 @@ class System(NamedTuple):
 
     Attributes:
         tree: Mass, springs and dampers of the joints.
-        diagonal: (nv,), their springs and dampers.
-        answers: (rows, nv), change by all else, and by impulses of the springs of taut drives.
-        couplings: (nu, nu), factors of what such impulses need for each other.
-        impulses: (nu,), such impulses.
-        yields, behind: (nu,) [N/m], [m/s], stiffness of these springs with their motors, and rates
-            of the tendons at which they had no impulse.
+        diagonal, right: (nv,), their springs and dampers, and impulses of all else.
+        yields, behind: (nu,) [N/m], [m/s], stiffness of the springs of taut drives with their
+            motors, and rates of the tendons at which they had no impulse.
         rates, expected: (nu,) [m/s], [N], where the motors were looked at, and tensions there.
         held: (2, elements), what slid or stuck last, and the friction [N], by the names of the
             elements of friction; they outlast the control period.
@@ -40,9 +37,7 @@ class System(NamedTuple):
 
     tree: Tree
     diagonal: ndarray
-    answers: ndarray
-    couplings: ndarray
-    impulses: ndarray
+    right: ndarray
     yields: ndarray
     behind: ndarray
     rates: ndarray
@@ -55,35 +50,35 @@ class System(NamedTuple):
 def system_size(chain):
     """Number of doubles that `system_on` cuts."""
     nv, nu = chain.v.size, chain.ctrl.size
-    own = tree_size(chain, _rows(chain)) + nv + _rows(chain) * nv + (5 + nu) * nu
-    return own + trial_size(chain.header[RUBBING], nu, nv)
+    return (
+        tree_size(chain, _columns(chain))
+        + 2 * nv
+        + 4 * nu
+        + trial_size(chain.header[RUBBING], nu, nv)
+    )
 
 
 @making
 def system_on(chain, held, room):
     """Arrays for `euler_step`, cut from free memory but for the given ones."""
-    nv, nu = chain.v.size, chain.ctrl.size
-    answers = mj.cut(room, _rows(chain), nv)
-    own = mj.cut(room, 5, nu)
+    own, drives = mj.cut(room, 2, chain.v.size), mj.cut(room, 4, chain.ctrl.size)
     return System(
-        tree_on(chain, room, _rows(chain)),
-        mj.cut(room, 1, nv)[0],
-        answers,
-        mj.cut(room, nu, nu),
+        tree_on(chain, room, _columns(chain)),
         own[0],
         own[1],
-        own[2],
-        own[3],
-        own[4],
+        drives[0],
+        drives[1],
+        drives[2],
+        drives[3],
         held,
-        trial_on(chain.header[RUBBING], nu, nv, answers[1 + nu :], room),
+        trial_on(chain.header[RUBBING], chain.ctrl.size, chain.v.size, room),
     )
 
 
 @jit
-def _rows(chain):
-    """Most rows that are solved for at once."""
-    return 2 + 2 * chain.ctrl.size + chain.header[RUBBING]
+def _columns(chain):
+    """Most columns that are solved for at once."""
+    return 1 + chain.ctrl.size + chain.header[RUBBING]
 
 
 @jit
@@ -93,39 +88,11 @@ def euler_step(chain, forces, h, system, change):
     See `extrapolation` for the equation. A drive's spring acts by an impulse h^2 k times how fast
     its tendon would be at the step's end, which is found for all together.
     """
-    springs, answers = int(forces.counts[0]), system.answers
-    _fill_joints(chain, forces, h, system.diagonal, answers[0])
-    for s in range(springs):
-        assign(answers[1 + s], forces.pulls[s])
-    rows, unknowns = 1 + springs, -1
-    if forces.counts[1]:  # solved for at once with the rest, and then moved to their place
-        unknowns = guess(forces, h, system.trial, system.held[0], answers[rows:])
-        rows += 1 + unknowns
+    _fill_joints(chain, forces, h, system.diagonal, system.right)
     articulated.factorize(system.tree, forces.axes, forces.inertias, system.diagonal)
-    articulated.solve(system.tree, answers, rows)
-    for s in range(springs):
+    for s in range(int(forces.counts[0])):
         system.yields[s], system.behind[s] = forces.stiffness[s], 0.0
-    for u in range(unknowns, -1, -1):
-        assign(system.trial.answers[u], answers[1 + springs + u])
-    _act(chain.v, forces, h, system, change, unknowns)
-
-
-@jit
-def _act(v, forces, h, system, change, unknowns):
-    """Let springs of drives, and friction, act on what all else changes (nv,).
-
-    That has been solved for with as many unknowns, or not yet (-1).
-    """
-    springs = int(forces.counts[0])
-    assign(change, system.answers[0])
-    if springs:
-        _couple_drives(forces, h, system)
-        for s in range(springs):
-            rate = dot(forces.pulls[s], v) + dot(forces.pulls[s], change)
-            system.impulses[s] = rate - system.behind[s]
-        pull(system, springs, change)
-    if forces.counts[1]:
-        rub(v, forces, h, system, change, unknowns)
+    settle(chain.v, forces, h, system, change, False)
     assign(system.held[1], forces.grip)
 
 
@@ -147,7 +114,7 @@ def turn_motors(v, forces, h, system, motors, change):
             turning, system.yields[s] = turn(motors, d, h, wire)
             expected[s] = tension_after(motors, d, h, wire, turning)
             system.behind[s] = rates[s] + (expected[s] - tension) / (h * system.yields[s])
-        _act(v, forces, h, system, change, -1)
+        settle(v, forces, h, system, change, True)
         off = 0.0
         for s in range(springs):
             d, tension = int(forces.drives[s]), forces.tension[int(forces.drives[s])]
@@ -159,6 +126,7 @@ def turn_motors(v, forces, h, system, motors, change):
             rates[s] = rate
         if off < _AGREES:
             break
+    assign(system.held[1], forces.grip)
     taut = 0
     for d in range(motors.turned.size):
         wire = (forces.tension[d], 0.0, 0.0)
@@ -169,7 +137,7 @@ def turn_motors(v, forces, h, system, motors, change):
 
 
 @jit
-def _fill_joints(chain, forces, h, diagonal, change):
+def _fill_joints(chain, forces, h, diagonal, right):
     """What resists each DOF beside the mass, and right-hand side."""
     model, header, nv = chain.model, chain.header, chain.v.size
     joints = ints(model, header[AT.dof_jntid], nv)
@@ -179,15 +147,4 @@ def _fill_joints(chain, forces, h, diagonal, change):
     for i in range(nv):
         k = stiffness[joints[i]]
         diagonal[i] = armature[i] + h * (damping[i] + h * k)
-        change[i] = h * (forces.force[i] - h * k * chain.v[i])
-
-
-@jit
-def _couple_drives(forces, h, system):
-    """Factors of the couplings of taut drives' springs."""
-    springs = int(forces.counts[0])
-    for s in range(springs):
-        for k in range(s + 1):
-            system.couplings[s, k] = dot(forces.pulls[k], system.answers[1 + s])
-        system.couplings[s, s] += 1 / (h * h * system.yields[s])
-    factorize(system.couplings, springs)
+        right[i] = h * (forces.force[i] - h * k * chain.v[i])

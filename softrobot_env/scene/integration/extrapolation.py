@@ -68,6 +68,9 @@ LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
 #: about so many times the errors of the better ones.
 _KINK = 10.0
 
+#: What a force does that grows steadily [1], over what it does if it is there from the start.
+_RAMP = 1 / 3
+
 #: Longest interval in damping times [1] in which dampers keep entries of order 3 and 4 stable.
 CALM = 100.0
 
@@ -249,27 +252,35 @@ def _solve_interval(work, ramp, time, h):
     """
     shortest = work.memory[layout.SHORTEST]
     while True:
-        rows, error = _extrapolate(work, ramp, time, h)
+        divides = h > (1 + _ROUNDING) * shortest
+        rows, error = _extrapolate(work, ramp, time, h, divides)
         kink = _kink(work, h, rows)
         if work.motors.turned.size:
             kink = max(kink, _kink_of_motors(work, h, rows))
         larger = np.maximum(error, kink / _allowed(work.memory, h))
-        if larger <= 1 or not h > (1 + _ROUNDING) * shortest:
+        if larger <= 1 or not divides:
             return h, rows, error, kink
-        left, wanted = ramp.duration - time, h * _shrinkage(rows, larger)
+        least = max(rows, int(work.memory[layout.FEWEST]))
+        left, wanted = ramp.duration - time, h * _shrinkage(least, larger)
         h = left / np.ceil(left / max(wanted, shortest))
 
 
 @jit
-def _extrapolate(work, ramp, time, h):
-    """Add rows until the error is small enough; their number, and the error over the allowed."""
-    error, rows = np.inf, 0
+def _extrapolate(work, ramp, time, h, divides):
+    """Add rows until the error is small enough; their number, and the error over the allowed.
+
+    Fewer if the interval divides, and if it will have to because of a kink.
+    """
+    error, rows, failed = np.inf, 0, work.system.trial.failed
+    failed[0] = 0.0
     while rows < work.memory[layout.MOST] and not error <= 1:
         rows += 1
         _take_steps(work, ramp, time, h, rows)
         _add_row(work, rows - 1)
+        allowed = _allowed(work.memory, h)
+        if 1 < rows < work.memory[layout.FEWEST] and divides and _kink(work, h, rows) > allowed:
+            error = 1.0
         if rows >= work.memory[layout.FEWEST]:
-            allowed = _allowed(work.memory, h)
             error = displacement(work.chain, work.table.gap) / allowed
             fast = sway(work.chain, work.memory, work.table.lag)
             error = np.maximum(error, fast / (LARGEST_SPEED * work.memory[layout.ACCURACY]))
@@ -277,7 +288,7 @@ def _extrapolate(work, ramp, time, h):
                 error = np.maximum(error, _error_of_motors(work, allowed))
             if error <= 1 and drives_length(work.chain):
                 error = max(error, _unseen(work, ramp, time + h, rows - 1, h / rows) / allowed)
-    return rows, error
+    return rows, np.inf if failed[0] else error
 
 
 @jit
@@ -509,16 +520,19 @@ def _kink(work, h, rows):
 def _add_slips(first, last):
     """Add what elements of friction do at the start of an interval that they do not at its end.
 
-    Of whole tendons all of that; of zones that neither began nor ceased to slide it is smooth.
+    Of whole tendons all of that; of zones that neither began nor ceased to slide it is smooth, and
+    of others it changes steadily.
     """
     found = False
     for k in range(int(first.counts[1])):
         name = int(first.name[k])
         if first.drive[k] >= 0 and first.slide[name] == last.slide[name]:
             continue
-        found = True
+        found, less = True, first.grip[name] - last.grip[name]
+        if first.drive[k] >= 0:
+            less *= _RAMP
         for i in range(last.force.size):
-            last.force[i] += (first.grip[name] - last.grip[name]) * first.arms[k, i]
+            last.force[i] += less * first.arms[k, i]
     return found
 
 

@@ -13,36 +13,6 @@ def dot(a, b):
 
 
 @jit
-def factorize(matrix, n):
-    """Factors L' D L of (n, n), of which the lower half is given, in its place, from the last row.
-
-    L has ones on its diagonal, where the inverse of D is kept.
-    """
-    for i in range(n - 1, -1, -1):
-        inverse = 1 / matrix[i, i]
-        for j in range(i):
-            share = matrix[i, j] * inverse
-            for k in range(j + 1):
-                matrix[j, k] -= share * matrix[i, k]
-        for k in range(i):
-            matrix[i, k] *= inverse
-        matrix[i, i] = inverse
-
-
-@jit
-def substitute(factor, x, n):
-    """x (n,) becomes the solution, by the factors of `factorize`."""
-    for i in range(n - 1, -1, -1):
-        for k in range(i):
-            x[k] -= factor[i, k] * x[i]
-    for i in range(n):
-        rest = x[i] * factor[i, i]
-        for k in range(i):
-            rest -= factor[i, k] * x[k]
-        x[i] = rest
-
-
-@jit
 def solve(matrix, x, n):
     """x (n,) becomes the solution for a matrix (n, n), which is lost; 0 where it is singular."""
     for i in range(n):
