@@ -33,6 +33,7 @@ def find_zones(chain, forces):
         forces: With the drives' tensions; to its elements they are added.
     """
     name = chain.header[NTENDON]
+    _find_rotations(chain, forces.course)
     for k in range(chain.ctrl.size):
         tendon = _rubbing(chain, k)
         if tendon < 0:
@@ -60,6 +61,7 @@ def list_zones(chain, course, out):
         Number of zones.
     """
     count = 0
+    _find_rotations(chain, course)
     for k in range(chain.ctrl.size):
         tendon = _rubbing(chain, k)
         if tendon < 0:
@@ -124,7 +126,7 @@ def _along_stations(chain, tendon, line, zones, course):
             continue
         station, last = station - 1, body
         zone = station * zones // count
-        half = line[COEFFICIENT] * _turn(chain, body, line, COURSE + STATION * station) / 2
+        half = line[COEFFICIENT] * _turn(course, body, line, COURSE + STATION * station) / 2
         course[0, zone] += half
         if zone + 1 < zones:
             course[0, zone + 1] += half
@@ -132,27 +134,32 @@ def _along_stations(chain, tendon, line, zones, course):
 
 
 @jit
-def _turn(chain, body, line, at):
+def _find_rotations(chain, course):
+    """Rotation vectors [rad] of all bodies on the ones before, in rows of `course`."""
+    model, header, nv = chain.model, chain.header, chain.v.size
+    bodies, joints = ints(model, header[AT.dof_bodyid], nv), ints(model, header[AT.dof_jntid], nv)
+    axes = reals(model, header[AT.jnt_axis], 3 * joints[nv - 1] + 3)
+    places = ints(model, header[AT.jnt_qposadr], joints[nv - 1] + 1)
+    for r in range(2, 5):
+        for body in range(header[NBODY]):
+            course[r, body] = 0.0
+    for i in range(nv):
+        angle = chain.q[places[joints[i]]]
+        for r in range(3):
+            course[2 + r, bodies[i]] += angle * axes[3 * joints[i] + r]
+
+
+@jit
+def _turn(course, body, line, at):
     """Angle [rad] by which a channel's path turns at the station of a body.
 
     With r the place, its tangent on the cross-section is the slope of r plus strain times r, and
     the rotation of the station turns what comes at its end.
     """
-    model, header, nv = chain.model, chain.header, chain.v.size
-    joints = ints(model, header[AT.dof_jntid], nv)
-    first = ints(model, header[AT.body_dofadr], header[NBODY])[body]
-    number = ints(model, header[AT.body_dofnum], header[NBODY])[body]
-    u, v, w = 0.0, 0.0, 0.0
-    for d in range(first, first + number):
-        joint = joints[d]
-        axis = reals(model, header[AT.jnt_axis], 3 * joint + 3)
-        angle = chain.q[ints(model, header[AT.jnt_qposadr], joint + 1)[joint]]
-        u += angle * axis[3 * joint]
-        v += angle * axis[3 * joint + 1]
-        w += angle * axis[3 * joint + 2]
+    u, v, w = course[2, body], course[3, body], course[4, body]
     size = u * u + v * v + w * w
     if w == 0 and line[at + 2] == line[at + 3] == line[at + 4] == line[at + 5] == 0:
-        return sqrt(size)
+        return sqrt(size) + line[at + 7]
     x, y, part = line[at], line[at + 1], line[at + 6]
     twist, along = w / part, 1 - (v * x - u * y) / part
     a, b = line[at + 2] - twist * y, line[at + 3] + twist * x
@@ -168,7 +175,7 @@ def _turn(chain, body, line, at):
     f = c + sine * k + rest * (v * n - w * m)
     g = d + sine * m + rest * (w * k - u * n)
     h = e + sine * n + rest * (u * m - v * k)
-    return _angle(a, b, along, f, g, h)
+    return _angle(a, b, along, f, g, h) + line[at + 7]
 
 
 @jit

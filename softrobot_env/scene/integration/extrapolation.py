@@ -336,6 +336,8 @@ def _take_steps(work, ramp, time, h, count):
     mj.assign(chain.q, work.q)
     mj.assign(chain.v, work.v)
     reset_motors(work.motors)
+    if count > 1:  # what slid in the first step of the row before, as a guess
+        mj.assign(work.system.held[0], work.first.slide)
     _take_step(work, work.first, part)
     for k in range(1, count):
         evaluate(chain)

@@ -70,7 +70,7 @@ class Forces(NamedTuple):
         name: (elements,), places in the next two, the same in all postures.
         grip: (elements,) [N], the friction in the last Euler step from here.
         slide: (elements,), whether they slid in it, by the sign of the length's rate, or stuck (0).
-        course: (2, nv + 1), see `capstan`.
+        course: (5, nv + nbody), see `capstan`.
         counts: Numbers (2,) of taut drives and of elements, which come first.
     """
 
@@ -114,7 +114,7 @@ def chain_of(model, data, header):
 def forces_size(chain):
     """Number of doubles that `no_forces` cuts."""
     nv, nu, elements = chain.v.size, chain.ctrl.size, chain.header[RUBBING]
-    fixed = chain.axes.size + chain.inertias.size + 3 * nv + 4
+    fixed = chain.axes.size + chain.inertias.size + nv + 2 + 5 * (nv + chain.header[NBODY])
     return fixed + nu * (nv + 3) + elements * (nv + 7)
 
 
@@ -138,7 +138,7 @@ def no_forces(chain, room):
         mj.cut(room, 1, elements)[0],
         mj.cut(room, 1, elements)[0],
         mj.cut(room, 1, elements)[0],
-        mj.cut(room, 2, nv + 1),
+        mj.cut(room, 5, nv + chain.header[NBODY]),
         mj.cut(room, 1, 2)[0],
     )
 

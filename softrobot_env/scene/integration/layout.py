@@ -61,10 +61,10 @@ HUGE_FORCE = 1e15
 #: Places of a tendon's row of `tendon_user`, all zero where nothing rubs along it: coefficient of
 #: friction [1] in the robot, coefficient times angle [1] of the feed line, number of zones in the
 #: robot, see `capstan`, and number of stations of a channel (0: guides). Then of each station
-#: `STATION` numbers: place (x, y) [m], slope of the path [1] where it begins and where it ends, and
-#: how much of the backbone it stands for [m].
+#: `STATION` numbers: place (x, y) [m], slope of the path [1] where it begins and where it ends, how
+#: much of the backbone it stands for [m], and how much more the path turns there [rad].
 COEFFICIENT, FEED, ZONES, STATIONS, COURSE = range(5)
-STATION = 7
+STATION = 8
 
 #: Values of METHOD: ours, MuJoCo's in two halves, MuJoCo's Runge-Kutta.
 EXTRAPOLATED, SPLIT, WHOLE = range(3)

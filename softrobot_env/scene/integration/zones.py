@@ -48,7 +48,7 @@ class Zones:
         sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
         self._header = layout.header(sizes)
         self._header[layout.USER] = model.nuser_tendon
-        self._course, self._found = np.zeros((2, model.nv + 1)), np.zeros((3, most))
+        self._course, self._found = np.zeros((5, model.nv + model.nbody)), np.zeros((3, most))
         self._slopes = np.zeros((most, model.nv))
         count = self._count(MjData(model), self._slopes[:0])
         self.drive, self.first = self._found[:2, :count].astype(int)
