@@ -115,6 +115,13 @@ def test_what_goes_wrong_is_said(drawn, forced, verdict, why, refined_fine):
     assert row.error_share > 0.05 if verdict == "WRONG" else row.error is None
 
 
+def test_creeping_robots_whose_tendons_turn_round_at_once_are_right():
+    """What they rub until then is part of the estimate."""
+    row = judge(draw_scene(4242, 277))
+    assert row.verdict is Verdict.ACCURATE
+    assert row.error_share < row.estimate_share
+
+
 def test_what_refined_runs_do_not_agree_on_is_not_judged(monkeypatch):
     monkeypatch.setattr(scenes, "refine", lambda *_: Refined(np.zeros((41, 3)), 0.3, 8, "RK4"))
     row = judge(of_arm())

@@ -58,6 +58,7 @@ from .forces import (
     measure,
     no_forces,
 )
+from .linear_algebra import dot
 from .motors import Motors, begin_motors, jump_of, motors_on, place_motors, reset_motors
 from .mujoco_functions import ints, reals
 
@@ -506,35 +507,42 @@ def _kink(work, h, rows):
     Of drives that have another law at its end than at its start, and of tendons that rub. It is
     not beyond what the extrapolation has made of plain steps.
     """
-    chain, first, forces, found = work.chain, work.first, work.forces, False
+    chain, forces, found = work.chain, work.forces, False
     if drives_length(chain):
         found = find_surprises(chain, work.begun, forces)
     else:
         for i in range(chain.v.size):
             forces.force[i] = 0.0
         forces.counts[0] = 0
-    found = _add_slips(first, forces) or found
+    found = _add_slips(work, rows) or found
     forces.counts[1] = 0
     return np.minimum(_pushed(work, h), _spread(work, rows)) if found else 0.0
 
 
 @jit
-def _add_slips(first, last):
+def _add_slips(work, rows):
     """Add what elements of friction do at the start of an interval that they do not at its end.
 
     Of whole tendons all of that; of zones that neither began nor ceased to slide it is smooth, and
-    of others it changes steadily.
+    of others it changes steadily. Where already the first steps find that a whole tendon slides the
+    other way than it does at the start, it turns round within the last row's first one: as late as
+    its rate comes to nothing on the way to that at the end.
     """
-    found = False
+    first, last, found = work.first, work.forces, False
+    end = work.table.velocities[rows - 1]
     for k in range(int(first.counts[1])):
-        name = int(first.name[k])
-        if first.drive[k] >= 0 and first.slide[name] == last.slide[name]:
-            continue
-        found, less = True, first.grip[name] - last.grip[name]
-        if first.drive[k] >= 0:
-            less *= _RAMP
-        for i in range(last.force.size):
-            last.force[i] += less * first.arms[k, i]
+        name, arm, less = int(first.name[k]), first.arms[k], 0.0
+        if first.drive[k] < 0:
+            less, rate = first.grip[name] - last.grip[name], dot(arm, work.v)
+            if first.slide[name] * rate < 0:
+                slower = abs(rate) / (abs(rate) + abs(dot(arm, end)))
+                less -= 2 * first.grip[name] * slower / rows
+        elif first.slide[name] != last.slide[name]:
+            less = _RAMP * (first.grip[name] - last.grip[name])
+        if less != 0:
+            found = True
+            for i in range(arm.size):
+                last.force[i] += less * arm[i]
     return found
 
 
