@@ -41,8 +41,8 @@ _KEY = 64
 class _Library(CalledLibrary):
     """Keeps LLVM's code, optimised with all that is linked to it, before it is machine code.
 
-    Its loops are short: unrolled, or with vectors as wide as the processor's, it runs no faster and
-    becomes machine code in twice the time.
+    Its loops are short: unrolled, it runs no faster and takes longer to become machine code. With
+    vectors that takes half as long again, and steps run up to a tenth faster where tendons rub.
     """
 
     bitcode = b""
@@ -58,7 +58,8 @@ class _Library(CalledLibrary):
             if not (function.is_declaration or function.name.startswith(_ENTRY)):
                 function.linkage = "internal"
         options = llvm.create_pipeline_tuning_options(speed_level=2)
-        options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
+        options.slp_vectorization = options.loop_unrolling = False
+        options.loop_vectorization = True
         builder = llvm.create_pass_builder(self._codegen._tm, options)
         manager = builder.getModulePassManager()
         manager.add_refprune_pass()
