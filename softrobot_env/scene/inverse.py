@@ -197,6 +197,12 @@ class InverseStatics:
         other.__dict__.pop("_sample", None)
         return other
 
+    def under(self, forces: StaticForces) -> "InverseStatics":
+        """The same of a chain under other forces, such as those with friction."""
+        other = copy(self)
+        other.forces = forces
+        return other
+
     @property
     def freedom(self) -> int:
         """Number of independent tensions: of coordinates that can be asked for at once, at most."""
@@ -483,6 +489,10 @@ class InverseStatics:
         """Controls of `forces` for actions of tensions."""
         return _controls(self._by_tension, self._command(action))
 
+    def tensions(self, action: ndarray) -> ndarray:
+        """(n_tendons,) [N] for actions of tensions."""
+        return self._command(action)
+
     def inputs_for(self, action: ndarray, posture: ndarray) -> ndarray:
         """Inputs (n_inputs,) for actions of tensions, within their box."""
         if not self._pulled:
@@ -644,6 +654,7 @@ class InverseStatics:
         stiffer: float = 0.0,
         driven: bool = False,
         weight: ndarray | None = None,
+        less: ndarray | float = 0.0,
     ) -> Linear | None:
         """The statics near actions (m,) of tensions and a posture (nq,).
 
@@ -655,12 +666,13 @@ class InverseStatics:
             driven: Whether by its inputs: where these are lengths, tensions change with the
                 posture, and a change of an action is the one that `inputs_by` makes of it.
             weight: (3,) [N], more of it at the tip.
+            less: (nv,) [N m], force that a motion takes.
         """
         forces, factor = self.forces, 1 + stiffer
         command = self._command(action)
         controls = _controls(self._by_tension, command)
         self._yields = self._wires.stiffness(command)
-        force = factor * forces.force(posture, controls, 1 / factor, weight)
+        force = factor * forces.force(posture, controls, 1 / factor, weight) - less
         pulled = by_action(self._actions, action)
         arms, stiffness = forces.by_controls()[:, : len(pulled)], -factor * forces.tangent()
         right = arms @ pulled

@@ -390,9 +390,11 @@ class RubbingForces(StaticForces):
         self.anchors[zones] = self._came[zones] - loose * slid
         return True
 
-    def force(self, qpos: ndarray, ctrl: ndarray, share: float = 1.0) -> ndarray:
+    def force(
+        self, qpos: ndarray, ctrl: ndarray, share: float = 1.0, pull: ndarray | None = None
+    ) -> ndarray:
         """See `StaticForces`."""
-        super().force(qpos, ctrl, share)
+        super().force(qpos, ctrl, share, pull)
         model, data = self.model, self._data
         self._slid = np.clip((self._lengths() - self.anchors) / self._loose, -1.0, 1.0)
         pull = self._bound() * self._slid[: model.ntendon]
@@ -406,19 +408,16 @@ class RubbingForces(StaticForces):
             self.applied[self._bends] -= self._holding * self._held()
         return data.qfrc_passive + share * self.applied
 
-    def rates(self, qpos: ndarray, rate: ndarray) -> ndarray:
-        """How fast (zones,) [m/s] what lies beyond zones grows with turns (nv,) [rad/s]."""
-        self._place(qpos)
-        return self._arms() @ rate
-
-    def of_sliding(self, qpos: ndarray, ctrl: ndarray, slid: ndarray) -> ndarray:
-        """Friction (nv,) [N m] of zones whose lengths (zones,) grow (1) or shrink (-1).
-
-        Between, it is a share of that. Anchors do not matter.
-        """
-        super().force(qpos, ctrl)
-        self._slid = np.append(np.zeros(self.model.ntendon), slid)
-        return -self._drops() @ self._arms()
+    def by_controls(self) -> ndarray:
+        """See `StaticForces`."""
+        out = super().by_controls()
+        if not len(self._tendon):
+            return out
+        beyond, before = self._grown()
+        pulls = -self.model.actuator_gear[:, 0] * self.model.actuator_gainprm[:, 0]
+        pulls = pulls * self._unlimited(np.arange(self.model.nu)) * self._by_control
+        of_zones = self._tendon[:, None] == self.model.actuator_trnid[:, 0]
+        return out - self._arms().T @ ((beyond - before)[:, None] * of_zones * pulls)
 
     def tangent(self) -> ndarray:
         """See `StaticForces`."""

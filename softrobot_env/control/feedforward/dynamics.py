@@ -20,18 +20,20 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
-from numpy.linalg import norm, solve
+from numpy.linalg import norm, pinv, solve
 
+from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import find_artifact
-from softrobot_env.scene.inverse import Linear, least_step
+from softrobot_env.scene.inverse import InverseStatics, Linear, least_step
 from softrobot_env.scene.tangent import RubbingForces
 
 from ..base import REASONS, SATURATED
+from .commands import Commands
 from .law import Feedforward, FeedforwardPI, FeedforwardState
-from .motion import Motion, ahead_of
+from .motion import Motion
 from .nearby import Neighbourhood
 from .statics import ChainStatics, NetworkStatics, Rest
 
@@ -44,11 +46,14 @@ _FIRST, _SECOND = np.array([1.5, -2.0, 0.5, 0.0]), np.array([2.0, -5.0, 4.0, -1.
 #: Way of the tip, over `_NEAR` of the reach, that a part of the tensions left out must be worth.
 _FELT = 1.0
 
-#: Share [1] of the robot's length by which a tendon slides until its friction is the other way, and
-#: rounds in which tensions and their friction are found.
-_TURNING, _ROUNDS = 2e-4, 3
+#: Rounds at most in which tensions and their friction are found, largest step of an action in one,
+#: and sums [rad] of the turns of all joints in one and in the last.
+_ROUNDS, _LARGEST, _LARGE_TURN, _BALANCED = 30, 0.3, 1.0, 1e-4
 
-_SLOW, _FAST = "servo too slow", "reference too fast for the internal dynamics"
+#: Largest speed of a smooth motion over its mean.
+_STEEPEST = 15 / 8
+
+_FAST = "reference too fast for the internal dynamics"
 
 
 class Moving(NamedTuple):
@@ -57,14 +62,39 @@ class Moving(NamedTuple):
     Attributes:
         acceleration: (k,) [m/s2], of the last reference; None at the start.
         inputs: (n_inputs,), the last ones wanted; None at the start.
+        rate: (n_inputs,), their last rate; None before there is one.
         shifts: (up to 3, nv) [rad], x_0 at the last instants, newest first.
-        slid: (zones,) [1], how tendons slide along their ways, see `RubbingForces.of_sliding`.
+        anchors: Where friction would vanish, see `RubbingForces`.
+        more, turned: (m,) and (nv,), what friction has changed of actions and posture.
+        eased: What is left of a jump of the reference; None where there was none.
     """
 
     acceleration: ndarray | None = None
     inputs: ndarray | None = None
+    rate: ndarray | None = None
     shifts: tuple[ndarray, ...] = ()
-    slid: ndarray | None = None
+    anchors: ndarray | None = None
+    more: ndarray | None = None
+    turned: ndarray | None = None
+    eased: "Eased | None" = None
+
+
+class Eased(NamedTuple):
+    """A jump that is made as a smooth motion.
+
+    Attributes:
+        gap: (n_inputs,), inputs before it less those of the rest it leads to.
+        lasts, time: [s], in all and until now.
+    """
+
+    gap: ndarray
+    lasts: float
+    time: float = 0.0
+
+    def left(self, later: float = 0.0) -> ndarray:
+        """What is left of the gap (n_inputs,) some time [s] later, with the least jerk."""
+        x = min(max((self.time + later) / self.lasts, 0.0), 1.0)
+        return (1 - x**3 * (10 - 15 * x + 6 * x * x)) * self.gap
 
 
 class InverseDynamics(Feedforward):
@@ -99,41 +129,90 @@ class InverseDynamics(Feedforward):
         self._network = None if weights is None else NetworkStatics(robot, Path(weights))
         if self._network is not None and self._network.dimension is not None:
             self.sizes |= dict.fromkeys(self._points(), self._network.dimension)
-        self._period, self._speed = control_period, robot.drive.speed
-        self._lag = _lag(robot)
+        self._period, self._commands = control_period, Commands(robot, control_period)
         self._near = _NEAR * robot.reach
-        self._turning = _TURNING * robot.length if robot.has_capstan_friction else None
+        self._rubs = robot.has_capstan_friction
+        self._first = 2 * np.pi / self._statics.first_mode()[0]
         self._rubbing: RubbingForces | None = None
 
     def _motion(self, observation: Observation, state: FeedforwardState) -> Motion:
-        """The reference in the middle of the period."""
+        """The reference in the middle of the time that the commands are in force."""
         now = Motion(*(observation[name] for name in self.requires[:3]))
-        return now.ahead(self._period / 2, state.memory.acceleration, self._period)
+        return now.ahead(
+            self._period / 2 + self._commands.late, state.memory.acceleration, self._period
+        )
 
     def _added(
         self, observation: Observation, motion: Motion, rest: Rest, state: FeedforwardState
     ) -> tuple[ndarray, Moving, str | None]:
         """Inputs of the motion; at rest those of the statics."""
-        place, velocity, acceleration = motion
+        memory, way = state.memory, rest
         now = observation["reference_acceleration"].copy()
-        linear = self._statics.linearised(rest) if rest.reached else None
+        eased = self._jumped(motion, rest, state)
+        if eased is not None:
+            found = self._on_the_way(rest, eased, state)
+            way, eased = (rest, None) if found is None else (found[0], eased)
+        linear = self._statics.linearised(way) if rest.reached else None
         if linear is None:
-            return rest.inputs, Moving(now), None
-        wanted = self._moving(rest, linear, velocity, acceleration, state.memory)
-        inputs, shifts, slid, reason = wanted
+            return rest.inputs, Moving(now, anchors=memory.anchors), None
+        if eased is None:
+            rate, change = self._through_rests(rest, linear, motion.velocity, motion.acceleration)
+        else:
+            _, rate, change = found
+        inputs, tension, moved, reason = self._moving(way, linear, rate, change, memory)
         if self._network is not None:
-            known = self._network.hold(place, rest, False)
+            known = self._network.hold(motion.position, rest, False)
             inputs = known.inputs + (inputs - rest.inputs)
             reason = reason if known.reached else self._network.missed
-        driven, late = self._driven(inputs, state.memory.inputs)
-        return driven, Moving(now, inputs, shifts, slid), reason or late
+        driven, rate, late = self._commands.leading(inputs, tension, memory.inputs, memory.rate)
+        moved = moved._replace(acceleration=now, inputs=inputs, rate=rate, eased=eased)
+        return driven, moved, reason or late
+
+    def _jumped(self, motion: Motion, rest: Rest, state: FeedforwardState) -> Eased | None:
+        """How to get to a rest, after a jump now or lately; None where it was there before.
+
+        Friction would hold a robot that swings wherever it likes, so it must not.
+        """
+        before, eased = state.rest, state.memory.eased
+        if not self._rubs or before.place is None or not rest.reached:
+            return None
+        if eased is not None:
+            eased = eased._replace(time=eased.time + self._period)
+            eased = None if eased.time >= eased.lasts else eased
+        came = self._period / 2 + self._commands.late
+        came = self._period if state.memory.inputs is not None else came
+        expected = motion.position - came * motion.velocity
+        if self._statics.error(before.place.posture, expected) <= self._near:
+            return eased
+        gap = before.inputs - rest.inputs + (0.0 if eased is None else eased.left())
+        lasts = max(self._first, _STEEPEST * np.abs(gap).max() / self._commands.speed)
+        return Eased(gap, lasts, self._period / 2)
+
+    def _on_the_way(
+        self, rest: Rest, eased: Eased, state: FeedforwardState
+    ) -> tuple[Rest, ndarray, ndarray] | None:
+        """The equilibrium on the way to a rest, its rate and second derivative (nv,).
+
+        None where there is none.
+        """
+        solver, period, postures = self._statics.solver(rest.spatial), self._period, []
+        guess = state.rest.place.posture
+        try:
+            for later in (-period, 0.0, period):
+                guess = solver.posture(rest.inputs + eased.left(later), guess)
+                postures.append(guess)
+        except EquilibriumError:
+            return None
+        inputs = rest.inputs + eased.left()
+        back, on = (solver.turns(postures[1], x) for x in postures[::2])
+        way = rest._replace(inputs=inputs, place=solver.place(inputs, postures[1]))
+        return way, (on - back) / (2 * period), (on + back) / period**2
 
     def _moving(
-        self, rest: Rest, linear: Linear, velocity: ndarray, acceleration: ndarray, memory: Moving
-    ) -> tuple[ndarray, tuple[ndarray, ...], ndarray | None, str | None]:
-        """Inputs, the next shifts and ways of sliding, and what is to be said."""
-        place, solver = rest.place, self._statics.solver(rest.spatial)
-        rate, change = self._through_rests(rest, linear, velocity, acceleration)
+        self, way: Rest, linear: Linear, rate: ndarray, change: ndarray, memory: Moving
+    ) -> tuple[ndarray, ndarray, Moving, str | None]:
+        """Inputs, tensions at the drives, what to remember of them, and what is to be said."""
+        place, solver = way.place, self._statics.solver(way.spatial)
         force = solver.forces.of_motion(place.posture, rate, change)
         step, shift = self._balanced(place.action, linear, force)
         shifts, reason = (shift, *memory.shifts)[:4], None
@@ -148,30 +227,79 @@ class InverseDynamics(Feedforward):
             felt = linear.tip_by_actions @ (full - step)
             if share < 1 and norm(felt) > _FELT * self._near:
                 reason = _FAST
-        slid = None
-        if self._turning is not None:
-            more, moved, slid = self._against_friction(rest, linear, rate, step, memory.slid)
-            step, shift = step + more, shift + moved
-        posture = solver.moved(place.posture, shift)
-        inputs = solver.inputs_for(place.action + step, posture)
-        limited = np.abs(place.action + step).max() >= 1.0
-        return inputs, shifts[:3], slid, REASONS[SATURATED] if limited else reason
+            force = force + share * more
+        posture, action = solver.moved(place.posture, shift), place.action + step
+        moved = Moving(shifts=shifts[:3])
+        if self._rubs:
+            action, posture, known = self._against_friction(way, force, action, posture, memory)
+            moved = known._replace(shifts=shifts[:3])
+        inputs, tension = solver.inputs_for(action, posture), solver.tensions(action)
+        limited = np.abs(action).max() >= 1.0
+        return inputs, tension, moved, REASONS[SATURATED] if limited else reason
 
     def _against_friction(
-        self, rest: Rest, linear: Linear, rate: ndarray, step: ndarray, slid: ndarray | None
-    ) -> tuple[ndarray, ndarray, ndarray]:
-        """Change (m,) of the actions that makes up for friction along tendons, shift, and ways."""
-        place, solver = rest.place, self._statics.solver(rest.spatial)
-        if self._rubbing is None:
-            self._rubbing = RubbingForces(solver.forces.model, place.posture)
-        way = self._rubbing.rates(place.posture, rate) * self._period / self._turning
-        slid = np.clip(way if slid is None else slid + way, -1.0, 1.0)
-        more = np.zeros_like(step)
-        for _ in range(_ROUNDS):
-            action = np.clip(place.action + step + more, -1.0, 1.0)
-            force = self._rubbing.of_sliding(place.posture, solver.controls_for(action), slid)
-            more, moved = self._balanced(place.action + step, linear, -force)
-        return more, moved, slid
+        self, rest: Rest, force: ndarray, action: ndarray, posture: ndarray, memory: Moving
+    ) -> tuple[ndarray, ndarray, Moving]:
+        """Actions (m,) and posture (nq,) that make up for friction along tendons, and memory of it.
+
+        Friction is that of the motion until now, as the model makes it (Newton's method).
+
+        Args:
+            rest: With the tip in its place.
+            force: (nv,) [N m], that the motion takes.
+            action, posture: Those without friction.
+            memory: Of the last decision.
+        """
+        solver = self._statics.solver(rest.spatial)
+        if memory.anchors is None or self._rubbing is None:
+            self._rubbing = RubbingForces(solver.forces.model, rest.place.posture)
+        if memory.anchors is not None:
+            self._rubbing.anchors = memory.anchors
+        start = action, posture
+        if memory.more is not None:
+            start = action + memory.more, solver.moved(posture, memory.turned)
+        held, there = self._held(solver, rest, force, action, *start)
+        self._rubbing.force(there, solver.controls_for(held))
+        self._rubbing.stay()
+        more, turned = held - action, solver.turns(posture, there)
+        return held, there, Moving(anchors=self._rubbing.anchors, more=more, turned=turned)
+
+    def _held(
+        self,
+        solver: InverseStatics,
+        rest: Rest,
+        force: ndarray,
+        plain: ndarray,
+        action: ndarray,
+        posture: ndarray,
+    ) -> tuple[ndarray, ndarray]:
+        """Actions (m,) and posture (nq,) that hold the tip in its place under friction and a force.
+
+        By Newton's method from others; of what moves no tip they have as much as `plain` ones (m,).
+        """
+        rubbing = solver.under(self._rubbing)
+        target = solver.directions @ solver.tip(rest.place.posture)
+        least, step, turn = np.inf, np.zeros_like(action), np.zeros_like(force)
+        for k in range(_ROUNDS):
+            linear = rubbing.linearised(action, posture, less=force)
+            left = np.inf
+            if linear is not None:
+                more, _ = least_step(linear.tip_by_actions, target - linear.tip, action, 0.0)
+                if k == 0:
+                    moves = pinv(linear.tip_by_actions) @ linear.tip_by_actions
+                    more += (plain - action) - moves @ (plain - action)
+                turned = linear.balance + linear.by_actions @ more
+                left = np.abs(turned).sum()
+            if left < _BALANCED:
+                break
+            if left < least:
+                size = max(1.0, np.abs(more).max() / _LARGEST, left / _LARGE_TURN)
+                least, step, turn = left, more / size, turned / size
+                action, posture = action + step, solver.moved(posture, turn)
+            else:  # beyond where a zone breaks loose
+                step, turn = step / 2, turn / 2
+                action, posture = action - step, solver.moved(posture, -turn)
+        return action, posture
 
     def _through_rests(
         self, rest: Rest, linear: Linear, velocity: ndarray, acceleration: ndarray
@@ -208,21 +336,6 @@ class InverseDynamics(Feedforward):
         bent = solve(linear.stiffness, force)
         step = least_step(linear.tip_by_actions, linear.tip_by_turns @ bent, action, 0.0)
         return step, linear.by_actions @ step - bent
-
-    def _driven(self, wanted: ndarray, before: ndarray | None) -> tuple[ndarray, str | None]:
-        """Commands with which servos are on average where they should be in a period."""
-        if before is None or (np.isinf(self._speed) and not self._lag.any()):
-            return wanted, None
-        rate = (wanted - before) / self._period
-        driven = wanted + ahead_of(rate, self._period, self._speed, self._lag)
-        return driven, _SLOW if np.abs(rate).max() > self._speed else None
-
-
-def _lag(robot: RobotParams) -> ndarray:
-    """(n_tendons,) [m] by which tendons wound up by servos lag behind, whichever way they move."""
-    if robot.drive.kind != "length":
-        return np.zeros(1)
-    return robot.drive.backlash / 2 + robot.of_tendons("friction") / robot.of_tendons("stiffness")
 
 
 class InverseDynamicsPI(FeedforwardPI, InverseDynamics):

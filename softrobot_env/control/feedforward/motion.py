@@ -30,7 +30,7 @@ class Motion(NamedTuple):
 
 
 #: [m/s], below which it is not clear to which side a tendon lags.
-_TURNING = 2e-3
+TURNING = 2e-3
 
 
 def ahead_of(rate: ndarray, period: float, speed: float, lag: ndarray | float = 0.0) -> ndarray:
@@ -46,7 +46,7 @@ def ahead_of(rate: ndarray, period: float, speed: float, lag: ndarray | float = 
         lag: (m,) [m], of the tendons.
     """
     late = np.minimum(np.abs(rate), speed) * period / (2 * speed) * rate
-    return late + lag * np.tanh(rate / _TURNING)
+    return late + lag * np.tanh(rate / TURNING)
 
 
 #: What differs at any robot: standard deviation before anything was seen, least and largest value.
