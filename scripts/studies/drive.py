@@ -11,12 +11,14 @@ import mujoco
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.control.feedforward.statics import ChainStatics
 from softrobot_env.control.registry import make_policy
 from softrobot_env.core.motion import State
 from softrobot_env.rendering import figures
 from softrobot_env.robots import CANTILEVER_WEAK, ROBOTS, RobotParams, Tendon, read_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.tendons import FeedLine
+from softrobot_env.robots.twin import with_real_drive
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.integration.zones import Zones
@@ -28,6 +30,9 @@ from studies.truths.capstan import HangingRod
 #: Friction coefficient of the robots whose cost is measured, and on which policies are tried.
 COEFFICIENT = 0.15
 
+#: Way [1] of the reference in a control period, over the robot's length, that is a jump.
+_JUMP = 0.05
+
 _FILES = Path(__file__).parents[2] / "assets" / "robots"
 _ROBOTS = ("planar_finger", "silicone_rod", "hanging_trunk", "gripper_finger", "ftdcr_v4")
 
@@ -37,12 +42,15 @@ class Row(Record):
     """What a case has shown.
 
     Attributes:
-        kind: "capstan", "loop", "energy", "cost" or "policy".
+        kind: "capstan", "loop", "energy", "cost", "policy" or "compensation".
         case: What was measured.
         error: Of "capstan" that of a ratio of tensions, of "loop" the largest of the tip's angle
             over the width of the loop, of "energy" the largest growth over the most there was; of
             "policy" the mean distance from the reference over that of a policy which knows of no
-            friction [1].
+            friction [1], and of "compensation" of one which knows nothing of a real drive, but for
+            a period of the first mode after each jump.
+        ideal, unknown, known: [m], the mean distance with an ideal drive, and with the real one of
+            policies that know nothing of it and that do.
         cost: Processor time of a control period over that without friction [1].
         evaluations: Of forces in a control period, over those without friction [1].
         width: [rad] of a loop.
@@ -54,6 +62,9 @@ class Row(Record):
     error: float | None = quantity("", ".2g", default=None)
     cost: float | None = quantity("", ".3g", default=None)
     evaluations: float | None = quantity("", ".3g", default=None)
+    ideal: float | None = quantity("mm", ".3g", default=None)
+    unknown: float | None = quantity("mm", ".3g", default=None)
+    known: float | None = quantity("mm", ".3g", default=None)
     width: float | None = quantity("rad", ".3g", default=None)
     tension: tuple[float, ...] = for_pictures(())
     angle: tuple[float, ...] = for_pictures(())
@@ -217,27 +228,46 @@ def _followed(scene: Scene, path: ndarray) -> tuple[float, int]:
 
 def _policy(name: str) -> Row:
     """Inverse dynamics along the robot's own path, that know of friction or do not."""
-    rubbing = _robot(name, COEFFICIENT)
-    unknown, known = (_missed(rubbing, robot) for robot in (_robot(name), rubbing))
-    return Row(kind="policy", case=name, error=known / unknown)
+    plain, rubbing = _robot(name), _robot(name, COEFFICIENT)
+    return _compared("policy", plain, rubbing)
 
 
-def _missed(robot: RobotParams, nominal: RobotParams) -> float:
-    """Mean distance [m] from the reference of a policy of a nominal robot."""
+def _compensation(name: str) -> Row:
+    """The same of the whole drive."""
+    plain = _robot(name)
+    return _compared("compensation", plain, with_real_drive(plain))
+
+
+def _compared(kind: str, plain: RobotParams, real: RobotParams) -> Row:
+    pairs = (plain, plain), (real, plain), (real, real)
+    ideal, unknown, known = (_missed(*pair, settled=kind == "compensation") for pair in pairs)
+    names = {"ideal": ideal, "unknown": unknown, "known": known}
+    return Row(kind=kind, case=plain.name, error=known / unknown, **names)
+
+
+def _missed(robot: RobotParams, nominal: RobotParams, settled: bool) -> float:
+    """Mean distance [m] of a nominal robot's policy from the reference; or but for ways there."""
     task = "reach" if robot.name == "gripper_finger" else "circle"
     moves = ("reference", "reference_velocity", "reference_acceleration")
     seen = (*moves, "tip_position", "previous_action")
     env = gymnasium.make("SoftRobot/Track-v0", robot=robot, task=task, observe=seen)
-    policy = make_policy("chain_dynamics", nominal, env.unwrapped.control_period)
-    (observation, _), state, missed = env.reset(seed=0), None, []
-    for _ in range(300):
+    period = env.unwrapped.control_period
+    policy = make_policy("chain_dynamics", nominal, period)
+    (observation, _), state, missed, counts, left = env.reset(seed=0), None, [], [], 0.0
+    first = 2 * np.pi / ChainStatics(robot).first_mode()[0] if settled else 0.0
+    before = observation["reference"]
+    for step in range(300):
+        jump = np.linalg.norm(observation["reference"] - before) > _JUMP * robot.length
+        left = first if jump or step == 0 else left - period
+        before = observation["reference"]
         action, state = policy.predict(observation, state)
         observation, _, terminated, truncated, _ = env.step(action)
         missed.append(np.linalg.norm(observation["tip_position"] - observation["reference"]))
+        counts.append(left <= 0)
         if terminated or truncated:
             break
     env.close()
-    return float(np.mean(missed))
+    return float(np.mean(np.array(missed)[counts]))
 
 
 # ---------------------------------------------------------------- the study
@@ -252,11 +282,19 @@ def cases(quick: bool) -> Iterable[Case]:
     yield {"kind": "energy", "of": range(2000, 2020 if quick else 3000)}
     for name in ("arm", *_ROBOTS)[: 3 if quick else None]:
         yield {"kind": "cost", "of": name}
-    for name in _ROBOTS[: 1 if quick else None]:
-        yield {"kind": "policy", "of": name}
+    for kind in ("policy", "compensation"):
+        for name in _ROBOTS[: 1 if quick else None]:
+            yield {"kind": kind, "of": name}
 
 
-_KINDS = {"capstan": _capstan, "loop": _loop, "energy": _energy, "cost": _cost, "policy": _policy}
+_KINDS = {
+    "capstan": _capstan,
+    "loop": _loop,
+    "energy": _energy,
+    "cost": _cost,
+    "policy": _policy,
+    "compensation": _compensation,
+}
 
 
 def measure(case: Case) -> Row:
@@ -296,8 +334,20 @@ STUDY = Study(
         table(
             "Inverse dynamics that know of friction, over those that do not",
             "case",
+            "ideal",
+            "unknown",
+            "known",
             "error",
             where={"kind": "policy"},
+        ),
+        table(
+            "The same of all of a real drive",
+            "case",
+            "ideal",
+            "unknown",
+            "known",
+            "error",
+            where={"kind": "compensation"},
         ),
     ],
     plots={"{}": _drawn},

@@ -175,6 +175,8 @@ class Setup:
         for case in cases:
             if case.plant != MUJOCO and "tendon_friction" in case.variation:
                 raise ValueError(f"tendon_friction: only with --plant {MUJOCO}")
+            if case.plant != MUJOCO and case.real_drive:
+                raise ValueError(f"--real-drive: only with --plant {MUJOCO}")
             with placed(case.policy):
                 for delay in (case.variation.get("delay", 0.0), case.delay):
                     periods(delay, period_of(case))
@@ -217,10 +219,11 @@ class Setup:
         """Environments refuse references that are too fast or too far, and variations."""
         tried = {}
         for case in cases:
-            tried[case.task, case.twin, case.plant, tuple(case.variation.items())] = case
+            vary = tuple(case.variation.items())
+            tried[case.task, case.twin, case.plant, vary, case.real_drive] = case
         for case in tried.values():
             env = self.environment(case)
-            if case.variation:
+            if case.variation or case.real_drive:
                 env.reset(options=case.reset_options)
 
     def environment(self, case: Case, **drawing: Any) -> gymnasium.Env:
@@ -306,7 +309,13 @@ def one_task(args: Namespace, robot: RobotParams | None) -> Task:
 
 
 #: Arguments of simulated robots alone -> their value unless given.
-_SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "plant": MUJOCO}
+_SIMULATED = {
+    "real_drive": False,
+    "vary": [],
+    "randomize": [],
+    "feedback": FEEDBACKS[0],
+    "plant": MUJOCO,
+}
 _SIMULATED |= {name: None for name in SCENE if name != "control_period"}
 
 
@@ -430,12 +439,13 @@ def _of_task(
     tasks: list[Task], policies: list[str], setup: Setup, args: Namespace
 ) -> Iterator[Case]:
     given, sampled = _variations(args.vary), _draws(args)
-    varied = itertools.product(setup.twins(tasks[0].robot), [*given, *sampled], setup.delays)
-    conditions = list(varied)
+    twins, drives = setup.twins(tasks[0].robot), (False, True) if args.real_drive else (False,)
+    conditions = list(itertools.product(twins, [*given, *sampled], setup.delays, drives))
     for task in tasks:
         for policy in policies:
-            for twin, variation, delay in conditions:
-                case = setup.complete(Case(task, policy, variation, twin, delay=delay))
+            for twin, variation, delay, real in conditions:
+                case = Case(task, policy, variation, twin, delay=delay, real_drive=real)
+                case = setup.complete(case)
                 if variation in sampled:
                     case = replace(case, variation=rounded(variation, period_of(case)))
                 yield case

@@ -17,6 +17,7 @@ from softrobot_env.core.runs import KEPT, Kept, kept_rows, run_cases
 from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.report import (
+    beside_real_drives,
     identified_label,
     option_columns,
     robot_label,
@@ -65,6 +66,9 @@ ARGUMENTS = f"""
     --randomize NAME=LOW,HIGH  ranges of the same quantities, of which --draws robots are
         sampled besides --vary; every policy gets the same ones
     --draws N  of --randomize; default: 5
+    --real-drive  every episode also with a usual drive of real robots, which policies do not know:
+        tendons that rub and servos with a force, a lag and a dead time, as far as the robot's file
+        does not say what its own drive is like
     [the test rig]
     <twins>
     <identified>
@@ -116,6 +120,7 @@ def _result(outcome: runner.Outcome) -> Result:
         feedback=case.feedback,
         identified=None if known is None else identified_label(known.twin),
         known_delay=case.delay,
+        real_drive=case.real_drive,
         **asdict(approached_metrics(outcome.rollout, case.task.trajectory)),
     )
     return Result(outcome, row)
@@ -213,7 +218,7 @@ def _run_side_by_side(cases: list[runner.Case], args: Namespace, kept: Kept) -> 
 
 def _write(results: list[Result], args: Namespace) -> None:
     """Reports, records and plots; the table first, so that it is there without matplotlib."""
-    rows = [result.row.columns() for result in results]
+    rows = beside_real_drives([result.row.columns() for result in results])
     write_json(args.out / "report.json", rows, args.command_line)
     write_text(args.out / "report.md", episodes.markdown(rows, args.command_line))
     if args.save_rollouts:
@@ -277,6 +282,7 @@ def _file_stem(result: Result) -> str:
     parts = [result.group, result.row.policy]
     parts += [f"{name}_{scale:g}" for name, scale in result.row.variation.items()]
     parts += [f"known_{result.row.known_delay:g}"] if result.row.known_delay else []
+    parts += ["real_drive"] if result.row.real_drive else []
     return _in_file_name("_".join(parts))
 
 

@@ -58,6 +58,8 @@ def variation_label(row: Mapping[str, Any]) -> str:
     varied = [VARIATIONS[name].shown(value) for name, value in row["variation"].items()]
     if row.get("known_delay"):
         varied.append(f"known {VARIATIONS['delay'].shown(row['known_delay'])}")
+    if row.get("real_drive"):
+        varied.append("real drive")
     return ", ".join(varied)
 
 
@@ -92,6 +94,18 @@ def robot_label(row: Mapping[str, Any]) -> str:
 def robot_heading(row: Mapping[str, Any]) -> str:
     """What `robot_label` tells."""
     return "rig" if _has_twins(row) else "variation"
+
+
+def beside_real_drives(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows with the mean error [m] of the same episodes with a real drive beside it, if any."""
+    changing = {"real_drive", "remarks", "failure"}
+
+    def key(row: dict[str, Any]) -> str:
+        said = {k: v for k, v in row.items() if k not in changing and not isinstance(v, float)}
+        return str((said, task_label(row), row["known_delay"]))
+
+    real = {key(row): row["e_mean"] for row in rows if row["real_drive"]}
+    return [row | {"e_mean_real_drive": real.get(key(row))} for row in rows]
 
 
 #: A row as report.json has it, see `EvaluatedRow.columns`.

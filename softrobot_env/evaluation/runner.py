@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,7 +22,7 @@ from softrobot_env.control.registry import (
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.registry import load
 from softrobot_env.robots import RobotParams, entry_of
-from softrobot_env.robots.twin import Twin, twin_of
+from softrobot_env.robots.twin import COEFFICIENT, Twin, twin_of, with_real_drive
 from softrobot_env.tasks import Task
 
 from .metrics import StepMetrics, TrackingMetrics, step_metrics, tracking_metrics
@@ -81,6 +81,7 @@ class EvaluatedRow(EpisodeRow):
         feedback: What the policy measured; None where it measures nothing.
         identified: The rig of which the policy's identified parameters are, for people, or None.
         known_delay: [s] of actions, for which the policy makes up.
+        real_drive: Whether the robot had a usual drive of real ones.
     """
 
     options: dict[str, float | None]
@@ -90,6 +91,7 @@ class EvaluatedRow(EpisodeRow):
     feedback: str | None
     identified: str | None
     known_delay: float
+    real_drive: bool = False
 
     def columns(self) -> dict[str, Any]:
         """What report.json has: a column for each option as well."""
@@ -124,6 +126,8 @@ class Case:
         identified: Identified parameters of a robot, for policies that act on them; those that come
             with the package unless given.
         given: Keyword arguments of the policy beyond those of its name, such as a file of its own.
+        real_drive: Whether the simulated robot has a usual drive of real ones, of which policies do
+            not know, see `robots.twin.with_real_drive`.
     """
 
     task: Task
@@ -138,11 +142,13 @@ class Case:
     scene: Mapping[str, Any] = field(default_factory=dict)
     identified: Any = None
     given: Mapping[str, Any] = field(default_factory=dict)
+    real_drive: bool = False
 
     @property
     def label(self) -> str:
         """Task, robot or rig, policy and variation for people."""
-        varied = variation_label({"variation": self.variation, "known_delay": self.delay})
+        row = {"variation": self.variation, "known_delay": self.delay}
+        varied = variation_label(row | {"real_drive": self.real_drive})
         return ", ".join(filter(None, (self.robot_label, policy_name(self.policy), varied)))
 
     @property
@@ -155,7 +161,10 @@ class Case:
     @property
     def reset_options(self) -> dict[str, Any]:
         """Options of the environment's `reset`."""
-        options = {"vary": dict(self.variation)} if self.variation else {}
+        vary, robot = dict(self.variation), self.task.robot
+        if self.real_drive and robot.drive.kind == "tension" and not robot.has_capstan_friction:
+            vary["friction_coefficient"] = vary.get("friction_coefficient", 0.0) + COEFFICIENT
+        options = {"vary": vary} if vary else {}
         return options if self.duration is None else options | {"duration": self.duration}
 
     def environment(self, **drawing: Any) -> gymnasium.Env:
@@ -165,12 +174,17 @@ class Case:
         if self.plant != MUJOCO:
             options = {"plant": BeamPlant(self.plant), "pieces": None} | options
         options = {"observe": "all" if self.feedback != SENSORS else ("all", SENSORS)} | options
-        return simulated(self.task, **{"twin": self._built} | options)
+        return simulated(self.task, **options | {"twin": self._built})
 
     @property
     def _built(self) -> Twin | None:
         """The robot as built; None where it is as its parameters say."""
-        return self.scene.get("twin", as_built(self.task.robot, self.twin))
+        robot = self.task.robot
+        built = as_built(robot, self.scene.get("twin", self.twin))
+        if not self.real_drive or robot.drive.kind == "tension":
+            return built
+        built = twin_of(robot, built)
+        return replace(built, robot=with_real_drive(built.robot))
 
     def make_policy(self, control_period: float) -> Policy:
         """The policy, which decides every `control_period` [s]."""

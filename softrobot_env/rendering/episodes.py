@@ -31,6 +31,7 @@ _POLICY = Column("policy", _policy)
 
 _FIGURES = (
     Column("mean mm", "e_mean", ".2f", "mm"),
+    Column("with real drive mm", "e_mean_real_drive", ".2f", "mm"),
     Column("rms mm", "e_rms", ".2f", "mm"),
     Column("max mm", "e_max", ".2f", "mm"),
     Column("final mm", "e_final", ".3f", "mm"),
@@ -62,6 +63,7 @@ def _by_task(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
 
 
 def _table(label: str, rows: list[Row]) -> Table:
+    caption, rows = "\n".join(failures(rows)), _ideal(rows)
     shown = _shown(rows)
     hidden = _TERMINAL_HIDES + _STEP_HIDES * (rows[0]["step_width"] is not None)
     hidden += _TRACKING_HIDES * ("e_mean_tracking" in [column.value for column in shown])
@@ -72,13 +74,18 @@ def _table(label: str, rows: list[Row]) -> Table:
     else:
         label = ", ".join(filter(None, (label, *robots)))
     folded = [replace(c, heading=c.heading.replace(" ", "\n", 1)) for c in shown]
-    out = make_table(label, [*named, *folded], rows, caption="\n".join(failures(rows)))
+    out = make_table(label, [*named, *folded], rows, caption=caption)
     out.pad_edge = False
     for column in out.columns[len(named) :]:
         # Numbers are never cut short; where space lacks, names and headings fold.
         column.no_wrap, column.overflow = False, "fold"
         column.min_width = max(len(cell) for cell in column.cells)
     return out
+
+
+def _ideal(rows: list[Row]) -> list[Row]:
+    """Those without a real drive, which have its figures beside their own."""
+    return [row for row in rows if not row.get("real_drive")]
 
 
 def _shown(rows: Sequence[Row]) -> list[Column]:
@@ -123,6 +130,7 @@ def markdown(rows: Sequence[Row], command: str) -> str:
 
 
 def _markdown_table(rows: list[Row]) -> str:
+    rows = _ideal(rows)
     entry = entry_of_row(rows[0])
     if entry is not None and entry.reported is not None:
         rows = [*rows, *load(entry.reported)(rows[0])]

@@ -29,6 +29,7 @@ from numpy import ndarray
 from softrobot_env.core.records import NotNegative, Range, check_fields
 from softrobot_env.core.registry import served
 
+from .actuation import robot_inputs
 from .parameters import RobotParams, Tendon
 from .registry import CAMERA_PERIOD, entry_of
 
@@ -49,6 +50,11 @@ OFFSET = 0.3e-3  # m
 BACKLASH = (0.1e-3, 0.3e-3)  # m
 CAMERA_NOISE = 0.3e-3  # m
 DAMPING_SPREAD = 0.2  # 1, of c_theta
+
+#: A usual drive: friction coefficient; of servos the error over the travel [1] at which the force
+#: is at its limit, time constant and dead time [s], friction of the gear over the limit [1], and
+#: counts of the encoder in the travel [1].
+COEFFICIENT, SOFTNESS, LAG, DEAD_TIME, GEAR_FRICTION, COUNTS = 0.15, 0.05, 0.01, 0.008, 0.02, 2000
 
 
 @dataclass(frozen=True)
@@ -148,6 +154,33 @@ def twin_of(robot: RobotParams, twin: "Twin | int | None") -> Twin:
     if twin is None:
         return nominal_twin(entry_of(robot).chain or robot)
     return sampled_twin(robot, twin)
+
+
+def with_real_drive(robot: RobotParams) -> RobotParams:
+    """A robot with a usual drive of real ones, unless its file says what its own is like.
+
+    Tendons rub. Servos of any force get one, no larger than their tendons' largest limit, and what
+    else motors and gears have; those of tensions reach their limits anyway.
+    """
+    if not robot.has_capstan_friction:
+        rubbing = (replace(t, friction_coefficient=COEFFICIENT) for t in robot.tendons)
+        robot = replace(robot, tendons=tuple(rubbing))
+    if robot.drive.kind == "tension" or robot.drive.gain is not None:
+        return robot
+    travel = float(robot_inputs(robot).input_scale.max())
+    limit = float(robot.of_tendons("tension_limit").max())
+    gain = limit / (SOFTNESS * travel)
+    forced = replace(
+        robot.drive,
+        gain=gain,
+        velocity_gain=gain * LAG,
+        force_limit=limit,
+        reflected_mass=gain * LAG**2 / 2,
+        gear_friction=GEAR_FRICTION * limit,
+        encoder_step=travel / COUNTS,
+        command_delay=DEAD_TIME,
+    )
+    return replace(robot, drive=forced)
 
 
 def _built(rng: np.random.Generator, robot: RobotParams, specimen: int) -> RobotParams:

@@ -63,6 +63,16 @@ def test_delays_that_policies_know_are_told_apart(tmp_path):
     assert "delay 200 ms, known delay 200 ms" in (tmp_path / "report.md").read_text()
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
+def test_real_drives_are_a_column(tmp_path):
+    words = "--tasks lshape --policies feedforward --control-period 0.1 --no-plots"
+    rows = evaluated(tmp_path, words, "--real-drive")
+    assert [row["real_drive"] for row in rows] == [False, True]
+    assert rows[0]["e_mean"] < rows[0]["e_mean_real_drive"] == rows[1]["e_mean"]
+    table = (tmp_path / "report.md").read_text()
+    assert "with real drive mm" in table and table.count("| feedforward |") == 1
+
+
 # Of a control period that is long for the arm.
 @pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 def test_no_number_of_a_table_is_cut_short(tmp_path, capsys, monkeypatch):

@@ -225,6 +225,10 @@ def test_friction_along_tendons_has_its_derivative_while_zones_stick_and_slide(c
     found = slopes(forces, q, ctrl, step=1e-8)
     forces.force(q, ctrl)
     assert np.abs(forces.tangent() - found).max() < 1e-5 * np.abs(found).max()
+    by_controls, h = forces.by_controls(), 1e-8
+    steps = h * np.eye(model.nu)
+    found = [(forces.force(q, ctrl + x) - forces.force(q, ctrl - x)) / (2 * h) for x in steps]
+    assert np.abs(by_controls - np.array(found).T).max() < 1e-5 * np.abs(by_controls).max()
     rub = forces.force(q, ctrl)
     assert np.abs(rub - StaticForces(model).force(q, ctrl)).max() > 0.01
     forces.stay()
