@@ -16,7 +16,7 @@ from softrobot_env.core.interfaces import Observation
 from ..base import FINE, SATURATED, UNREACHABLE, Memory, usable
 from ..limits import finite
 from ..reference_smoothing import begin_smoothing, memory_size, smoothed
-from .law import Law, ScheduledLaw, in_space
+from .law import Law, ScheduledLaw, in_space, strongest
 from .table import Row, Table, blend, inverse_of, look_up
 
 #: Damping of the inverse of the tip's derivative by actions.
@@ -31,6 +31,9 @@ _JUMP, _ACCELERATION = 1e-2, 29.0
 
 #: Distance from the reference, over the reach, that the equilibria of the table leave at most.
 _FAR = 0.02
+
+#: [1], by which an action may be beyond one that needs all of the force of a servo.
+_ROUNDING = 1e-9
 
 
 class Seen(NamedTuple):
@@ -306,17 +309,24 @@ def forget_balance(law: Law, memory: ndarray) -> None:
 
 @kernel
 def conclude(
-    law: Law, wanted: ndarray, previous: ndarray, status_code: int, memory: ndarray
+    law: Law,
+    wanted: ndarray,
+    previous: ndarray,
+    curvature: ndarray,
+    status_code: int,
+    memory: ndarray,
 ) -> tuple[ndarray, ndarray, int]:
     """Action (m,), next memory and code of a decision.
 
-    Where drives are too slow for a change of the actions, all change by the same share of it. The
+    Where drives are too slow for a change of the actions, all change by the same share of it; where
+    they are too weak, the code says so. The
     action is NaN where it, or the memory, could not be computed; `Controller` then keeps both.
 
     Args:
         law: Whose speeds hold.
         wanted: (m,) [1].
         previous: (m,) [1], in force.
+        curvature: (n,) [1/m].
         status_code: Code of what else may keep the law from what is wanted.
         memory: Of this decision.
     """
@@ -325,10 +335,10 @@ def conclude(
         return np.full(m, np.nan), memory, FINE
     for j in range(m):
         share = min(share, speed[j] / max(abs(wanted[j] - previous[j]), 1e-300))
-    action = np.empty(m)
+    action, most = np.empty(m), strongest(law, curvature)
     for j in range(m):
         asked = previous[j] + share * (wanted[j] - previous[j])
         action[j] = min(max(asked, -1.0), 1.0)
-        if action[j] != asked or share < 1.0:
+        if action[j] != asked or share < 1.0 or action[j] > most[j] + _ROUNDING:
             code = SATURATED
     return action, memory, code

@@ -47,6 +47,7 @@ class Law(NamedTuple):
         force, offset: [1], shares of their estimates that a decision renews; 0 without them.
         speed: (m,) [1], largest change of an action in a period.
         stiffness: (m,) [N], tension per action of tendons that are driven by length, else zeros.
+        most: (m,) [N], largest force of servos at rest, over the pretension; inf of other drives.
         shares: (k, m) [1], what each tendon of a group gets of the sum of the tensions by which
             they pull against each other without a moment, which keeps them taut; no groups of a
             robot driven by tension.
@@ -66,6 +67,7 @@ class Law(NamedTuple):
     offset: float
     speed: ndarray
     stiffness: ndarray
+    most: ndarray
     shares: ndarray
     reach: float
     curved: float
@@ -139,6 +141,7 @@ class ScheduledLaw(Controller):
                 offset=estimate * min(_OFFSET_RATE * timing.period / timing.first, _AT_ONCE),
                 speed=robot.drive.speed * timing.period / inputs.input_scale,
                 stiffness=stiffness,
+                most=_strongest(robot),
                 shares=shares,
                 reach=robot.reach,
                 curved=self.curved,
@@ -190,6 +193,14 @@ class ScheduledLaw(Controller):
         return usable(self._applied(observation))
 
 
+def _strongest(robot: RobotParams) -> ndarray:
+    """`most` of a `Law`; friction of a gear holds against the motor."""
+    drive, pretension = robot.drive, robot.of_tendons("pretension")
+    if drive.kind == "tension":
+        return np.full(robot_inputs(robot).n_inputs, np.inf)
+    return np.maximum(drive.force_limit - drive.gear_friction - pretension, 0.0)
+
+
 def _taut(robot: RobotParams) -> tuple[ndarray, ndarray]:
     """`stiffness` and `shares` of a `Law`."""
     m = robot_inputs(robot).n_inputs
@@ -225,6 +236,16 @@ def tighten(law: Law, curvature: ndarray, action: ndarray) -> None:
                 more = max(more, slack[j] / shares[group, j])
         for j in range(len(action)):
             action[j] += more * shares[group, j] / law.stiffness[j]
+
+
+@kernel
+def strongest(law: Law, curvature: ndarray) -> ndarray:
+    """Actions (m,) [1] at which servos are at the limit of their force, for curvatures (n,)."""
+    loose, out = law.table.moment_arms @ curvature, np.full(len(law.most), np.inf)
+    for j in range(len(out)):
+        if np.isfinite(law.most[j]):
+            out[j] = (loose[j] + law.most[j]) / law.stiffness[j]
+    return out
 
 
 @kernel

@@ -66,7 +66,7 @@ def _act(
     aim = aiming.aimed(law.table, law, memory, seen)
     wanted = aiming.planned(law, aim)[0]
     tighten(law, seen.curvature, wanted)
-    return aiming.conclude(law, wanted, seen.previous, aim.status_code, memory)
+    return aiming.conclude(law, wanted, previous, curvature, aim.status_code, memory)
 
 
 class Preview:

@@ -103,7 +103,7 @@ def _act(
         integral += step
         wanted = integrated
     tighten(law, curvature, wanted)
-    return conclude(law, wanted, previous, rest.status_code, memory)
+    return conclude(law, wanted, previous, curvature, rest.status_code, memory)
 
 
 class Resting(NamedTuple):

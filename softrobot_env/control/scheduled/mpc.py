@@ -2,8 +2,9 @@
 
 The plan that `LQPreview` would follow is the optimum of a linear model and a quadratic cost without
 end. Actions a at some nodes ahead that differ from the plan a* cost (a - a*)' H (a - a*) more; of
-those within the limits of actions, of the speed of the servos and of the tension of tendons that
-must stay taut, the ones that cost least are taken. So where no limit is met, the law is LQ's.
+those within the limits of actions, of the speed and force of the servos and of the tension of
+tendons that must stay taut, the ones that cost least are taken. So where no limit is met, the law
+is LQ's.
 """
 
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from ..base import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory
 from ..limits import kept
 from ..linear_quadratic import BoundedSolver
 from . import aiming
-from .law import Law, ScheduledLaw, tighten
+from .law import Law, ScheduledLaw, strongest, tighten
 from .lq_preview import Preview
 from .plan_gains import Regulator, deviation_cost
 from .timing import Timing, knots_until, timing_of
@@ -163,7 +164,7 @@ class ScheduledMPC(aiming.AimingLaw):
             return kept(previous), Memory(state.values, NOT_COMPUTED)
         m = self._law.table.m
         action, memory, code = aiming.conclude(
-            self._law, best[:m], previous, program.status_code, memory
+            self._law, best[:m], previous, seen.curvature, program.status_code, memory
         )
         missed = np.abs(best[:m] - program.wanted[:m]).max() > _AT_BOUND
         return action, Memory(memory, SATURATED if missed else code)
@@ -201,10 +202,12 @@ def _program(law: Law, memory: ndarray, seen: aiming.Seen) -> Program:
     aim = aiming.aimed(law.table, law, memory, seen)
     plan = aiming.planned(law, aim)
     count, m = plan.shape
-    for c in range(count):
-        tighten(law, seen.curvature + _bent_by(law, aim, law.nodes[c] - law.period), plan[c])
     size = count * m
     lower, upper = -np.ones(size), np.ones(size)
+    for c in range(count):
+        bent = seen.curvature + _bent_by(law, aim, law.nodes[c] - law.period)
+        tighten(law, bent, plan[c])
+        upper[c * m : (c + 1) * m] = np.minimum(np.maximum(strongest(law, bent), -1.0), 1.0)
     _bound_first(law, seen.curvature, seen.previous, lower, upper)
     fine, hessian = True, np.empty((size, size))
     triangle = aim.gains[len(aim.gains) - size * (size + 1) // 2 :]
@@ -230,7 +233,7 @@ def _bound_first(
     for j in range(len(previous)):
         here = min(max(previous[j], -1.0), 1.0)
         lower[j] = max(here - law.speed[j], -1.0)
-        upper[j] = min(here + law.speed[j], 1.0)
+        upper[j] = max(min(here + law.speed[j], upper[j]), lower[j])  # too fast to be too strong
         if law.stiffness[j] > 0:
             taut = loose[j] / law.stiffness[j]
             lower[j] = min(max(lower[j], taut), upper[j])

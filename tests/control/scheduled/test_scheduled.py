@@ -185,6 +185,25 @@ def test_servos_are_not_asked_for_more_than_their_speed(kind, rod_table, law):
     assert len(said) > 1  # it was too far for them, and the law said so
 
 
+@pytest.mark.parametrize("kind", ["lq_preview", "mpc"])
+def test_servos_are_not_asked_for_more_than_their_force(kind, rod_table, law):
+    """A plan keeps within what the servos have where it can; a law without one says so."""
+    weak = replace(ROD, drive=replace(ROD.drive, gain=2e4, velocity_gain=200.0, force_limit=1.0))
+    made = ScheduledMPC if kind == "mpc" else LQPreview
+    gains = law._law.table if kind == "mpc" else rod_table
+    policy, count, said = made(weak, TIMING.period, gains), 0, set()
+    preview = policy._law.times[1:].tolist() if kind == "mpc" else None
+    for before, action, state, _ in driven(policy, weak, count=200, preview=preview):
+        stretch = policy._law.stiffness * action
+        pull = stretch - policy._law.table.moment_arms @ before["curvature"]
+        slow = np.abs(action - before["tendon_length"] / robot_inputs(ROD).input_scale)
+        within = (slow < policy._law.speed * (1 - 1e-6)) | (kind != "mpc")
+        count += int(np.any(within & (pull > 1.0 - 0.5 + 1e-6)))
+        said.add(state.status)
+    assert "tension limit reached" in said
+    assert count == 0 if kind == "mpc" else count > 0
+
+
 def test_tendons_stay_taut(rod_table):
     policy = LQPreview(ROD, timing_of(ROD).period, rod_table)
     for *_, after in driven(policy, ROD, count=600):
