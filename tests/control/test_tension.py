@@ -12,7 +12,6 @@ from softrobot_env.robots import find_robot
 from softrobot_env.robots.tendons import FeedLine
 from softrobot_env.robots.twin import with_real_drive
 
-
 MOTION = ("reference", "reference_velocity", "reference_acceleration", "previous_action")
 
 
