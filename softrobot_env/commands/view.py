@@ -12,6 +12,7 @@ from softrobot_env.evaluation.runner import Case
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.tendons import set_coefficient
 
 from .arguments import port
 from .cases import make_setup, one_case, one_task
@@ -28,7 +29,8 @@ _HOST = "127.0.0.1"
 ARGUMENTS = """
     <robot> default: the task's
     <task>
-    --policy POLICY  drives the robot; default: the sliders
+    --policy POLICY  drives the robot; default: the sliders, one of them for the friction
+        coefficient of tendons that rub
     --web  in a browser on this machine, without a display: MuJoCo's studio, which has no
         authentication (any local user can reach it)
     --port PORT  of --web; default: a free one from 8080 on
@@ -59,22 +61,25 @@ def run(args: Namespace) -> int:
     say(_HELP)
     with closing(setup.environment(case, render_mode="human").unwrapped) as env:
         if args.policy is None:
-            _by_hand(env)
+            _by_hand(env, case)
         else:
             _by_policy(env, case)
     return 0
 
 
-def _by_hand(env: TrackingEnv) -> None:
+def _by_hand(env: TrackingEnv, case: Case) -> None:
     """Let the sliders drive."""
-    env.reset()
-    window, simulation = env.open_window(), env.simulation
+    window = env.open_window()  # before one without sliders is
+    env.reset(options=case.reset_options)
+    simulation = env.simulation
     window.controls[:] = env.command
     while window.is_open:
         window.push(simulation.data)
         env.command[:] = window.controls
+        if window.coefficient is not None:
+            set_coefficient(simulation.model, window.coefficient)
         if not simulation.advance():
-            env.reset()
+            env.reset(options=case.reset_options)
         env.render()
 
 

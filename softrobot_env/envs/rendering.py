@@ -23,12 +23,13 @@ import mujoco
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.robots import Gripper, RobotParams, centerline
+from softrobot_env.robots import Drive, Gripper, RobotParams, centerline
 from softrobot_env.scene.appearance import TENDON_LINE, tendon_width, tension_colours
 from softrobot_env.scene.assembly import build_assembly, gripper_scene
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.config import FRONT_CAMERA, Appearance, Camera, SceneConfig, visible
+from softrobot_env.scene.spec import build_chain
 
 from .simulation.grippers import GripperBatch, bar
 
@@ -41,6 +42,8 @@ _TRAIL_STEP = 0.008  # m between two points of the trail
 _FULL_SIZE = 0.4  # m of reach from which on target and tip are drawn in full size
 
 _SPACE = 32  # GLFW's number of the key that pauses
+_MOST_FRICTION = 0.6  # largest friction coefficient [1] of the slider
+_MOST_FRICTION = 0.6  # largest friction coefficient [1] of the slider
 _PAUSE = 0.02  # s between two looks at a window that is paused
 
 _PATH = np.array([0.40, 0.42, 0.48, 1.0])
@@ -176,6 +179,8 @@ class WindowRenderer:
     def __init__(self, config: SceneConfig, controls: bool = False) -> None:
         """Open the window, with sliders for the drives if asked for. The space bar pauses.
 
+        Where tendons rub there is one for their friction coefficient as well.
+
         Raises:
             RenderError: There is no display.
         """
@@ -187,7 +192,9 @@ class WindowRenderer:
             ) from None
         from mujoco import viewer
 
-        self._view = _View(config, 4 / 3)
+        known = max((t.friction_coefficient for t in config.robot.tendons), default=0.0)
+        self._view = _View(config, 4 / 3, known if controls else 0.0)
+        self._drives = self._view.data.ctrl[: -1 if controls and known else None]
         others = set(threading.enumerate())
         self._window = viewer.launch_passive(
             self._view.model,
@@ -230,8 +237,14 @@ class WindowRenderer:
 
     @property
     def controls(self) -> ndarray:
-        """(nu,) where the sliders are [N or m], to be written to."""
-        return self._view.data.ctrl
+        """(nu,) where the sliders of the drives are [N or m], to be written to."""
+        return self._drives
+
+    @property
+    def coefficient(self) -> float | None:
+        """Friction coefficient [1] that its slider says; None without one."""
+        own = self._view.data.ctrl[len(self._drives) :]
+        return float(own[0]) if len(own) else None
 
     def push(self, data: mujoco.MjData) -> None:
         """Let the force of the mouse act on the bodies of the simulated scene."""
@@ -254,16 +267,18 @@ class WindowRenderer:
 class _View:
     """The visible scene, its posture, and the trail of the tip."""
 
-    def __init__(self, config: SceneConfig, aspect: float) -> None:
+    def __init__(self, config: SceneConfig, aspect: float, coefficient: float = 0.0) -> None:
+        """See a scene; with a slider for a friction coefficient, unless that is zero."""
         drawn = replace(
-            visible(config, aspect),
+            visible(replace(config, robot=_as_it_looks(config.robot)), aspect),
             timestep=None,
             integrator="discrete",  # stable for every robot; the view never integrates
             sensors=(),
         )
         self.camera = drawn.cameras[0]
-        self.model = build_scene(drawn).model
+        self.model = build_scene(drawn).model if not coefficient else _with_slider(drawn)
         self.data = mujoco.MjData(self.model)
+        self.data.ctrl[self.model.nu - 1 :] = coefficient
         # Layers lie in front of the body, which in space comes nearer by up to its reach. Moved
         # along the line of sight they stay where they are in the picture.
         room = config.robot.reach if config.bending == "spatial" else 0.0
@@ -312,6 +327,22 @@ class _View:
         pen.dot(frame.target + layer[2], 0.010 * size, _WHITE if flat else _TARGET)
         pen.line(np.array([*self._trail, self._tip]) + layer[3], 0.0022 * size, _TRAIL)
         pen.dot(self._tip + layer[5], 0.006 * size, _TRAIL)
+
+
+def _as_it_looks(robot: RobotParams) -> RobotParams:
+    """A robot without the friction of its tendons and the force of its servos."""
+    tendons = (replace(t, friction_coefficient=0.0, feed_line=None) for t in robot.tendons)
+    drive = Drive(robot.drive.kind, travel=robot.drive.travel)
+    return replace(robot, tendons=tuple(tendons), drive=drive)
+
+
+def _with_slider(config: SceneConfig) -> mujoco.MjModel:
+    """A visible scene with a drive of no force more, whose slider is a friction coefficient."""
+    spec, first = build_chain(config).spec, config.robot.tendons[0].name
+    slider = spec.add_actuator(name="friction_coefficient", target=first)
+    slider.trntype, slider.gainprm[0] = mujoco.mjtTrn.mjTRN_TENDON, 0.0
+    slider.ctrllimited, slider.ctrlrange = True, (0.0, _MOST_FRICTION)
+    return spec.compile()
 
 
 class Lines:

@@ -322,6 +322,12 @@ def is_ideal(model: MjModel) -> bool:
     return not model.actuator_gainprm[by_length, 1:].any()
 
 
+def set_coefficient(model: MjModel, coefficient: float) -> None:
+    """Give all tendons of a model that rub along their way another friction coefficient [1]."""
+    rubbing = model.tendon_user[:, places.ZONES] > 0
+    model.tendon_user[rubbing, places.COEFFICIENT] = coefficient
+
+
 def actuator_arms(model: MjModel, data: MjData) -> ndarray:
     """Moment arms (nu, nv) of actuators, of a state whose transmission is known."""
     out = np.zeros((model.nu, model.nv))

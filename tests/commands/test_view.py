@@ -7,11 +7,14 @@ import socket
 import subprocess
 import sys
 import urllib.request
+from dataclasses import replace
 
 import pytest
 from support.processes import finished, python
 
 from softrobot_env.cli import main
+from softrobot_env.robots import find_robot
+from softrobot_env.robots.file import write_robot
 
 
 def test_without_display_there_is_one_line(monkeypatch, capsys):
@@ -87,7 +90,7 @@ _BY_HAND = """
 import sys
 import numpy as np
 from softrobot_env.cli import main
-from softrobot_env.envs.rendering import renderer
+from softrobot_env.envs import rendering as renderer
 
 frames, tips = 0, []
 draw = renderer.WindowRenderer.draw
@@ -128,3 +131,40 @@ def test_the_window_shows_the_robot_move(words, display, tmp_path):
     done = finished("-c", _BY_HAND, *words, timeout=180)
     assert done.returncode == 0, done.stderr
     assert float(re.search(r"moved (\S+)", done.stdout)[1]) > 1e-3, done.stdout
+
+
+_RUBBING = """
+from softrobot_env.cli import main
+from softrobot_env.commands import view
+from softrobot_env.envs.rendering import WindowRenderer
+
+frames, seen = 0, []
+draw, change = WindowRenderer.draw, view.set_coefficient
+
+def changed(model, coefficient):
+    change(model, coefficient)
+    seen.append((coefficient, float(model.tendon_user[0, 0])))
+
+def counted(window, frame):
+    global frames
+    draw(window, frame)
+    frames += 1
+    if frames == 5:
+        window._view.data.ctrl[-1] = 0.4
+    if frames == 20:
+        window._window.close()
+
+view.set_coefficient, WindowRenderer.draw = changed, counted
+assert main(["view", "--robot", "rubbing.toml"]) == 0
+print(seen[0], seen[-1])
+"""
+
+
+@pytest.mark.slow
+def test_there_is_a_slider_for_the_friction_of_tendons(display, tmp_path):
+    finger = find_robot("planar_finger")
+    tendons = tuple(replace(t, friction_coefficient=0.1) for t in finger.tendons)
+    write_robot(replace(finger, tendons=tendons, name="rubbing"), tmp_path / "rubbing.toml")
+    found = finished("-c", _RUBBING, cwd=tmp_path, timeout=180)
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.splitlines()[-1] == "(0.1, 0.1) (0.4, 0.4)"
