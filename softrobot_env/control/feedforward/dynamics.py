@@ -284,7 +284,7 @@ class InverseDynamics(Feedforward):
             linear = rubbing.linearised(action, posture, less=force)
             left = np.inf
             if linear is not None:
-                more, _ = least_step(linear.tip_by_actions, target - linear.tip, action, 0.0)
+                more = least_step(linear.tip_by_actions, target - linear.tip, action, 0.0)
                 if k == 0:
                     moves = pinv(linear.tip_by_actions) @ linear.tip_by_actions
                     more += (plain - action) - moves @ (plain - action)
