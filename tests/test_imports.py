@@ -32,6 +32,8 @@ ALLOWED = {
     # Static feedforward inverts the scene of a robot; sensors stand in for what policies read.
     "control": FOUNDATION | {"beams", "learned", "scene", "sensing"},
     "envs": FOUNDATION | {"scene", "sensing", "hardware", "recordings"},
+    # Motions of scenes, and of environments that it is given.
+    "gradients": FOUNDATION | {"scene", "envs"},
     # Its runner makes environment and policy of a case, for every command, benchmark and training.
     "evaluation": FOUNDATION | {"beams", "control", "envs", "recordings", "scene"},
     "rendering": FOUNDATION | {"evaluation", "scene"},
@@ -67,6 +69,7 @@ HEAVY_AT_HOME = {
 #: Modules that exist for heavy packages and are themselves imported where used.
 HEAVY_MODULES = {
     "softrobot_env/envs/simulation/warp_batch.py": {"torch", "mujoco_warp", "warp"},
+    "softrobot_env/gradients/wrappers.py": {"torch"},
 }
 
 #: Parts that every `gymnasium.make` loads; scipy costs more than the rest of them together.

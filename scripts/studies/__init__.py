@@ -15,6 +15,7 @@ STUDIES = {
     "feedback": "Feedback of a late tip on the disturbed rig (thesis sec. 6.1)",
     "files": "Random robot files that say no pieces: error at rest, and what is told of it",
     "first_use": "The first minute: what the first commands take with an empty cache, and say",
+    "gradients": "Derivatives of motions against differences of runs, and what they cost",
     "gripper": "The gripper: its grips, what it encloses, holds under pulls, and what they cost",
     "hardware": "Kinds of real hardware, emulated: safety, missed steps, and the error simulated",
     "identify": "Identification of robots of another model class, with hidden truths",

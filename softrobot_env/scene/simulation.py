@@ -191,6 +191,15 @@ class Simulation:
             self._warned = True
             warnings.warn(inaccuracy(self.scene, self._estimate[0], self.time), stacklevel=4)
 
+    def record(self) -> None:
+        """Keep the intervals of the next period on the `tape`; before every one to be kept."""
+        self._integration.record()
+
+    @property
+    def tape(self) -> ndarray:
+        """The intervals (n, ...) kept since the reset, see `integration.layout.INTERVAL`."""
+        return self._integration.tape
+
     @property
     def evaluations(self) -> int:
         """Evaluations of the forces since the reset, its shadow's too."""

@@ -77,7 +77,7 @@ CALM = 100.0
 
 #: Share [1] of the entry of order 2 that keeps the others of a table stable beyond, by their
 #: number: undamped modes of 0.3 to 2 rad an interval would grow by up to 0.5 % in it.
-_CALMING = (0.0, 0.0, 0.45, 0.2)
+CALMING = (0.0, 0.0, 0.45, 0.2)
 
 #: Largest displacement, over the accuracy [1], that the speeds' errors of one interval may make in
 #: a swing of the robot.
@@ -192,8 +192,11 @@ def integrate(work, ramp):
         _note(work, h, error, kink)
         # Where the error is too large: plain Euler steps, which are stable.
         entry = rows - 1 if error <= 1 else 0
-        if entry and h > memory[layout.CALM]:
+        calmed = entry > 0 and h > memory[layout.CALM]
+        if calmed:
             _calm(work.table, entry)
+        if memory[layout.STEPS] <= memory[layout.TAPED]:
+            _tape(work, ramp, (h, 1.0 * rows, 1.0 * entry, 1.0 * calmed, time, ramp.duration))
         _take(work, entry, h)
         time += h
         length = _next_length(memory, h, rows, error)
@@ -204,6 +207,20 @@ def integrate(work, ramp):
     memory[layout.NEXT] = length
     mj.assign(chain.ctrl, ramp.end)
     _control_by_motors(work)
+
+
+@making
+def _tape(work, ramp, interval):
+    """Keep an interval, see `layout.INTERVAL`, for derivatives of what was computed."""
+    chain, at = work.chain, layout.INTERVAL
+    width = at + chain.q.size + chain.v.size + 3 * chain.ctrl.size
+    place = chain.header[layout.TAPE] + 8 * width * (np.int64(work.memory[layout.STEPS]) - 1)
+    row = mj.reals_at(place, width)
+    for k in range(at):
+        row[k] = interval[k]
+    for values in (work.q, work.v, work.begun, ramp.begin, ramp.end):
+        mj.assign(row[at : at + values.size], values)
+        at += values.size
 
 
 # ---------------------------------------------------------------- an interval
@@ -399,7 +416,7 @@ def bounded(values):
 @jit
 def _calm(table, entry):
     """Keep fast undamped modes from growing in an entry of the table."""
-    share, turns, velocities = _CALMING[entry], table.turns, table.velocities
+    share, turns, velocities = CALMING[entry], table.turns, table.velocities
     for i in range(table.gap.size):
         turns[entry, i] += share * (turns[1, i] - turns[entry, i])
         velocities[entry, i] += share * (velocities[1, i] - velocities[entry, i])

@@ -68,6 +68,7 @@ class Integration:
         self._user = model.nuser_tendon
         self._path = np.zeros((1, model.nu))
         self._servos: ndarray | None = None
+        self._tape = np.zeros((0, layout.INTERVAL + model.nq + model.nv + 3 * model.nu))
         self.set(slice(None), choice)
         self._connect()
 
@@ -108,6 +109,26 @@ class Integration:
             len(arrays),
             self._reported.ctypes.data,
         )
+
+    def record(self) -> None:
+        """Keep the intervals of the first simulation, with room for those of a period."""
+        memory, used = self.memory[0, 0], self._used
+        room = int(memory[layout.PERIOD] / memory[layout.SHORTEST] + memory[layout.SUBSTEPS]) + 2
+        if used + room > len(self._tape):
+            tape = np.zeros((2 * (used + room), self._tape.shape[1]))
+            tape[:used] = self._tape[:used]
+            self._tape, self._header[layout.TAPE] = tape, tape.ctypes.data
+            memory[layout.TAPED] = len(tape)
+
+    @property
+    def _used(self) -> int:
+        """Intervals of the first simulation since the last restart, as far as they are kept."""
+        return min(int(self.memory[0, 0, layout.STEPS]), len(self._tape))
+
+    @property
+    def tape(self) -> ndarray:
+        """View of the intervals (n, ...) since the last restart, see `layout.INTERVAL`."""
+        return self._tape[: self._used]
 
     def restart(self, which: Any = slice(None)) -> None:
         """Forget the motion so far."""
@@ -162,6 +183,7 @@ class Integration:
             (layout.HELD, self._held),
             (layout.LENGTHS, self._lengths),
             (layout.PATH, self._path),
+            (layout.TAPE, self._tape),
         ):
             self._header[place] = array.ctypes.data
         if self._servos is not None:

@@ -17,7 +17,7 @@ from numpy import ndarray
 NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
 PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, LINEAR = range(8, 15)
 RUBBING, USER, HELD = range(15, 18)  # elements of friction, and what they held, see `euler`
-SERVO_SIZE, WIRES, MOTORS, OFFSETS = range(18, 22)
+SERVO_SIZE, WIRES, MOTORS, TAPE, OFFSETS = range(18, 23)
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
 MODEL_FIELDS = (
@@ -41,8 +41,14 @@ AT = namedtuple("AT", (*MODEL_FIELDS, *DATA_FIELDS, "time"))(*range(OFFSETS, HEA
 
 #: Places in a simulation's `memory` (float64): settings, then what it remembers and reports.
 METHOD, SUBSTEPS, PERIOD, LONGEST, SHORTEST, ACCURACY, RATE, FEWEST, MOST, CALM = range(10)
-REACH, NEXT, WORST, MISSED, EVALUATIONS, STEPS, SUM, ESTIMATE = range(10, 18)
-MEMORY_SIZE = 18  # of a simulation; its shadow's, alike, follows
+REACH, NEXT, TAPED, WORST, MISSED, EVALUATIONS, STEPS, SUM, ESTIMATE = range(10, 19)
+MEMORY_SIZE = 19  # of a simulation; its shadow's, alike, follows
+
+#: Numbers of an interval on a tape, of which `TAPED` are kept: its length [s], rows of its table,
+#: the entry that was taken, whether that was calmed, its start on the ramp [s] and that ramp's
+#: duration [s]. Then positions, velocities and forces of the drives at its start, and the controls
+#: of both ends of the ramp.
+INTERVAL = 6
 
 #: Rows (nu,) of what is known of a simulation's servos: settings, order, and where they are. Of
 #: servos with dead time, which is `LATE` and some control periods, commands of before follow.

@@ -1,0 +1,11 @@
+"""Derivatives of simulated motions and equilibria: of what the integrator computes, exactly.
+
+`Rollout` simulates a scene or an environment and derives what is observed of the motion, backwards
+(`Motion.vjp`) or along a change (`Motion.jvp`). `wrappers` has functions for PyTorch and JAX.
+Nothing of this is loaded or compiled by environments.
+"""
+
+from .parameters import Parameter
+from .rollout import Derivatives, Motion, Observed, Rest, Rollout
+
+__all__ = ["Derivatives", "Motion", "Observed", "Parameter", "Rest", "Rollout"]
