@@ -391,13 +391,16 @@ class Motion(_Looked):
         applied = np.add.reduceat(by_ramp.sum(axis=2), self._ends[:-1])
         return by_state, self._by_given(applied)
 
-    def tip_by_states(self) -> ndarray:
-        """Derivatives (periods + 1, 3, 2 nv) of the tip by the states of `linearised`."""
+    def tip_by_states(self, name: str = "tip") -> ndarray:
+        """Derivatives (periods + 1, 3, 2 nv) of the tip by the states of `linearised`.
+
+        Or of its velocity, `tip_velocity`.
+        """
         rows = []
         for axis in range(3):
             weights = np.zeros_like(self.observed.tip)
             weights[:, axis] = 1.0
-            by_state, _ = self._by_seen({"tip": weights}, self._rollout.zero())
+            by_state, _ = self._by_seen({name: weights}, self._rollout.zero())
             rows.append(by_state.reshape(len(by_state), -1))
         return np.stack(rows, axis=1)
 

@@ -50,7 +50,7 @@ def check(
     duration: float | None = None,
     reward: TrackingReward | None = None,
     robot: RobotParams | None = None,
-    view: neural.View | None = None,
+    view: View | Reading | None = None,
 ) -> Rows:
     """Figures of a network, one episode for each task and variation.
 
@@ -63,7 +63,7 @@ def check(
         view: Of the network; the robot's unless given.
     """
     (robot, view), rows = seen_in(robot, view), {}
-    policy = neural.NeuralPolicy(robot, view.period, network, view=view)
+    policy = neural.NeuralPolicy(robot, float(view.period), network, view=view)
     for task in training_of(robot).check_tasks():
         env = TrackingEnv(task, observe=policy.requires, reward=reward, **view.environment)
         for vary in variations:
@@ -200,7 +200,7 @@ def figures(
     network: Network,
     variations: tuple[dict[str, float], ...] = ({},),
     robot: RobotParams | None = None,
-    view: View | None = None,
+    view: View | Reading | None = None,
 ) -> Metrics:
     """Closed-loop figures for people, with robots and disturbances as `check` takes them."""
     out: Metrics = [("parameters", str(len(network.parameters)))]

@@ -13,6 +13,7 @@ from softrobot_env.control.learned.neural import View, view_of
 from softrobot_env.control.registry import find_policy, make_policy, policy_environment
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.registry import load
+from softrobot_env.core.vector_reading import Reading
 from softrobot_env.envs.observations.table import REFERENCE_SPEED
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.identification.excitation import resting_task
@@ -178,7 +179,9 @@ def view_for(robot: RobotParams, period: float | None = None) -> View:
     return training_of(robot).view(period)
 
 
-def seen_in(robot: RobotParams | None, view: View | None) -> tuple[RobotParams, View]:
+def seen_in(
+    robot: RobotParams | None, view: View | Reading | None
+) -> tuple[RobotParams, View | Reading]:
     """A robot and the view of its networks: the default one, and its own, unless given."""
     robot = robot or default_robot()
     return robot, view_for(robot) if view is None else view

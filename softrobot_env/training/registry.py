@@ -95,6 +95,7 @@ _TRAININGS = (
         ("torch",),
         also=_teachers_package,
     ),
+    Training("shac", f"{_HERE}.first_order:run", ("quick", "task", "steps", "set"), ("torch",)),
     *(
         Training(
             policy,

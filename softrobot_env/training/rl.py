@@ -27,7 +27,16 @@ from .checkpoint import Checkpoint, learner_state, put_learner_state, read, writ
 from .learners import freeze_actor, make_model, put_actor
 from .references import seen_in, training_of, view_for
 from .request import LEARNERS, Metrics, TrainingRequest, curve_file
-from .rl_config import IMITATION, NO_START, NUMBERS, QUICK, RLConfig, checkpoint_of, preset
+from .rl_config import (
+    IMITATION,
+    NO_START,
+    NUMBERS,
+    QUICK,
+    RLConfig,
+    checkpoint_of,
+    preset,
+    wanted_in,
+)
 from .vec_env import NetworkVecEnv
 from .watch import REACH, Point, Watch
 
@@ -121,18 +130,8 @@ def config_of(policy: str, settings: Mapping[str, Any], robot: RobotParams) -> R
     config = preset(algorithm, warm, settings.get("randomize", randomized))
     config = training_of(robot).settings(config)
     wanted: dict[str, Any] = dict(QUICK) if "quick" in settings else {}
-    if "task" in settings and "all" not in settings["task"]:
-        known = training_of(robot).tasks
-        wanted["tasks"] = tuple(dict.fromkeys(settings["task"]))
-        if not set(wanted["tasks"]) <= set(known):
-            raise ValueError(f"robot {robot.name!r} is trained on {', '.join(known)}")
-    wanted |= {name: settings[name] for name in ("steps", "backend", "device") if name in settings}
-    for name, value in settings.get("set", ()):
-        if name not in NUMBERS:
-            raise ValueError(f"cannot set {name!r}; choose from {', '.join(NUMBERS)}")
-        if NUMBERS[name] is int and not value.is_integer():
-            raise ValueError(f"{name} must be a whole number, got {value:g}")
-        wanted[name] = NUMBERS[name](value)
+    wanted |= {name: settings[name] for name in ("backend", "device") if name in settings}
+    wanted |= wanted_in(settings, NUMBERS, training_of(robot).tasks, robot.name)
     return replace(config, **wanted)
 
 

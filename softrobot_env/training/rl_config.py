@@ -120,8 +120,43 @@ class RLConfig:
             raise ValueError("drawn_tasks must be 1 or more if there are no other tasks")
 
 
-#: Settings that are numbers, which can be set by name -> int or float.
-NUMBERS = {n: kind for n, kind in get_type_hints(RLConfig).items() if kind in (int, float)}
+def numbers_of(config: type) -> dict[str, type]:
+    """Settings that are numbers, which can be set by name -> int or float."""
+    return {n: kind for n, kind in get_type_hints(config).items() if kind in (int, float)}
+
+
+NUMBERS = numbers_of(RLConfig)
+
+
+def wanted_in(
+    settings: Mapping[str, Any], numbers: Mapping[str, type], tasks: tuple[str, ...], robot: str
+) -> dict[str, Any]:
+    """Tasks, steps and numbers that are given to a training (`commands.train`).
+
+    Args:
+        settings: What is given.
+        numbers: What can be set, as `numbers_of`.
+        tasks: Names of those of the robot.
+        robot: Its name.
+
+    Raises:
+        ValueError: A setting that does not exist or is no number, or a task of another robot.
+    """
+    wanted: dict[str, Any] = {}
+    if "task" in settings and "all" not in settings["task"]:
+        wanted["tasks"] = tuple(dict.fromkeys(settings["task"]))
+        if not set(wanted["tasks"]) <= set(tasks):
+            raise ValueError(f"robot {robot!r} is trained on {', '.join(tasks)}")
+    if "steps" in settings:
+        wanted["steps"] = settings["steps"]
+    for name, value in settings.get("set", ()):
+        if name not in numbers:
+            raise ValueError(f"cannot set {name!r}; choose from {', '.join(numbers)}")
+        if numbers[name] is int and not value.is_integer():
+            raise ValueError(f"{name} must be a whole number, got {value:g}")
+        wanted[name] = numbers[name](value)
+    return wanted
+
 
 _OFF_POLICY = {"envs_per_task": 2, "batch": 256, "rate": 1e-3, "deviation": 0.1, "steps": 700_000}
 

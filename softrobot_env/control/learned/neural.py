@@ -315,7 +315,7 @@ class NeuralPolicy(Memoryless):
         control_period: float,
         weights: str | Path | Network | None = None,
         policy: str = "imitation",
-        view: View | None = None,
+        view: View | Reading | None = None,
     ) -> None:
         """Load the network.
 
@@ -325,7 +325,7 @@ class NeuralPolicy(Memoryless):
             weights: File that `softrobot train` wrote, the name of one in the models' folder, or
                 a network at hand; that of `policy` unless given, see `artifacts.find_artifact`.
             policy: Whose network it is.
-            view: Of a network at hand; the arm's unless given.
+            view: Of a network at hand, or the vector that it reads; the arm's view unless given.
 
         Raises:
             ValueError: Another robot, a control period that does not divide the network's, or a
@@ -339,6 +339,8 @@ class NeuralPolicy(Memoryless):
             network, about = load_for(path, robot, policy)
             reading = reading_in(about)
             view = view_in(about, robot) if reading is None else None
+        elif isinstance(view, Reading):
+            reading, view = view, None
         elif view is None:
             view = arm_view(robot)
         needed = (reading or view).environment
