@@ -14,6 +14,7 @@ STUDIES = {
     "drive": "Friction along tendons: exactness, energy, what it costs, and policies that know it",
     "feedback": "Feedback of a late tip on the disturbed rig (thesis sec. 6.1)",
     "files": "Random robot files that say no pieces: error at rest, and what is told of it",
+    "first_order": "First-order policy learning, beside PPO in ten times the steps",
     "first_use": "The first minute: what the first commands take with an empty cache, and say",
     "gradients": "Derivatives of motions against differences of runs, and what they cost",
     "gripper": "The gripper: its grips, what it encloses, holds under pulls, and what they cost",
