@@ -50,6 +50,9 @@ _FELT = 1.0
 #: and sums [rad] of the turns of all joints in one and in the last.
 _ROUNDS, _LARGEST, _LARGE_TURN, _BALANCED = 30, 0.3, 1.0, 1e-4
 
+#: Turns [rad] left at which friction counts as not found.
+_LOST = 1e-2
+
 #: By how much more zones give way than before, in turn, where friction is not found at once.
 _LOOSER = (64.0, 0.25, 0.25, 0.25)
 
@@ -281,8 +284,7 @@ class InverseDynamics(Feedforward):
         held, there, found = self._held(solver, rest, force, action, *start)
         for factor in () if found else _LOOSER:
             self._rubbing.loosen(factor)
-            held, there, found = self._held(solver, rest, force, action, *start)
-            start = held, there
+            held, there, found = self._held(solver, rest, force, action, held, there)
         self._rubbing.force(there, solver.controls_for(held))
         self._rubbing.stay()
         more, turned = held - action, solver.turns(posture, there)
@@ -300,7 +302,7 @@ class InverseDynamics(Feedforward):
     ) -> tuple[ndarray, ndarray, bool]:
         """Actions (m,) and posture (nq,) that hold the tip in its place under friction and a force.
 
-        And whether they were found.
+        And whether they were, at least nearly.
         By Newton's method from others; of what moves no tip they have as much as `plain` ones (m,).
         """
         rubbing = solver.under(self._rubbing)
@@ -325,7 +327,7 @@ class InverseDynamics(Feedforward):
             else:  # beyond where a zone breaks loose
                 step, turn = step / 2, turn / 2
                 action, posture = action - step, solver.moved(posture, -turn)
-        return action, posture, False
+        return action, posture, least < _LOST
 
     def _through_rests(
         self, rest: Rest, linear: Linear, velocity: ndarray, acceleration: ndarray
