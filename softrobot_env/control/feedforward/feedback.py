@@ -67,9 +67,9 @@ class Feedback:
     Quasi-statically the plant from J+ e to e has unit gain, and its first mode (frequency w,
     damping rate mu w^2) limits both gains: an action held for a period T for a tip seen d ago, by
     drives that are d' late, acts T / 2 + d + d' late on average, which takes K_P w^2 times that
-    from the damping rate, so K_P < mu / (T / 2 + d + d'); pure integral action needs K_I < mu w^2. The default gains are fractions
-    of these limits, and K_P at most 2. They track better than feedforward alone but damp nothing,
-    so that a step swings longer.
+    from the damping rate, so K_P < mu / (T / 2 + d + d'); pure integral action needs
+    K_I < mu w^2. The default gains are fractions of these limits, and K_P at most 2. They track
+    better than feedforward alone but damp nothing, so that a step swings longer.
 
     An integral makes up for what is wrong at the last point alone. In its place a Kalman filter
     learns what is wrong all over the workspace: offsets of the inputs, a stiffness, a damping, a
