@@ -128,6 +128,11 @@ class Drive:
             raise ValueError("drive: a wire_diameter needs a spool_radius, on which it winds")
 
     @property
+    def late(self) -> float:
+        """Dead time and lag [s] of servos in a slow motion."""
+        return self.command_delay + (0.0 if self.gain is None else self.velocity_gain / self.gain)
+
+    @property
     def layers(self) -> float:
         """[1/m], a of the length x + a x^2 that a servo winds on its spool by a command x."""
         if not self.wire_diameter:

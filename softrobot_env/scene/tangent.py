@@ -349,6 +349,7 @@ class RubbingForces(StaticForces):
     Attributes:
         anchors: (ntendon + zones,) [m], lengths at which friction would vanish, of tendons and then
             of what lies beyond zones; set them before `force`.
+        came: (ntendon + zones,) [m], the same lengths at the last `stay`.
         posture: (nq,) at which friction of the joints would vanish.
     """
 
@@ -373,8 +374,13 @@ class RubbingForces(StaticForces):
         self._give = _GIVE / max(len(self._bends), 1)
         self._away = np.zeros(self._bends.shape)  # from where friction vanishes, over what gives
         self._place(posture)
-        self._came, self.posture = self._lengths(), posture.copy()
-        self.anchors, self._slid = self._came.copy(), np.zeros(len(self._came))
+        self.came, self.posture = self._lengths(), posture.copy()
+        self.anchors, self._slid = self.came.copy(), np.zeros(len(self.came))
+
+    def loosen(self, factor: float) -> None:
+        """Let all break loose within `factor` times as much, from the friction at `came`."""
+        self.anchors = self.came + factor * (self.anchors - self.came)
+        self._loose = factor * self._loose
 
     def hold(self) -> bool:
         """Whether zones crept that stick; then let them hold by as much as they do by creeping.
@@ -383,11 +389,11 @@ class RubbingForces(StaticForces):
         """
         zones = slice(self.model.ntendon, None)
         slid, loose = self._slid[zones], self._loose[zones]
-        crept = np.where(np.abs(slid) < 1, self._lengths()[zones] - self._came[zones], 0.0)
+        crept = np.where(np.abs(slid) < 1, self._lengths()[zones] - self.came[zones], 0.0)
         friction = super()._tensions()[0][self._tendon] * self._zones.exponents(self._data)
         if friction @ np.abs(crept) <= _CREEP * (friction @ loose):
             return False
-        self.anchors[zones] = self._came[zones] - loose * slid
+        self.anchors[zones] = self.came[zones] - loose * slid
         return True
 
     def force(
@@ -483,8 +489,8 @@ class RubbingForces(StaticForces):
 
     def stay(self) -> None:
         """Take the posture of the last `force` for where tendons and joints come from next."""
-        self._came = self._lengths()
-        self.anchors = self._came - self._loose * self._slid
+        self.came = self._lengths()
+        self.anchors = self.came - self._loose * self._slid
         self.posture = self._data.qpos.copy()
         back = np.zeros(self.model.nv)
         back[self._bends] = -self._give * self._held()

@@ -234,6 +234,41 @@ def test_a_motor_rests_within_a_count():
     assert error == pytest.approx(2e-4, rel=1e-3)
 
 
+def counted(joint, command, count, state, step=2e-5, duration=1.5):
+    """Where the motor is [m] in the last tenth, by a loop that reads middles of whole counts."""
+    (angle, rate, x, u), places = state, []
+    for k in range(round(duration / step)):
+        read = (np.floor(x / count) + 0.5) * count
+        pull = joint.tension(angle, x)
+        rate += (
+            step
+            * (joint.arm * pull - joint.damping * rate - joint.spring * angle)
+            / (joint.inertia)
+        )
+        free = u + step * joint.load(command + x - read, angle, x, u) / joint.mass
+        u = np.sign(free) * max(abs(free) - step * joint.friction / joint.mass, 0.0)
+        angle, x = angle + step * rate, x + step * u
+        if k * step > 0.9 * duration:
+            places.append(x)
+    return np.array(places)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5, 3.0])  # of 4 N that the loop jumps by
+@pytest.mark.parametrize("share", [0.0, 0.4, 0.8])
+def test_a_loop_that_reads_whole_counts_rests_within_one_of_a_dead_zone(share, friction):
+    count = 2e-4
+    command = 5e-3 + share * count
+    built = scene(one_joint(replace(USUAL, encoder_step=count, gear_friction=friction)))
+    simulation, servos = held(built)
+    begun = start(simulation, servos)
+    servos.command[:] = command
+    for _ in range(150):
+        assert simulation.advance()
+    places = counted(truth(built), command, count, begun)
+    assert np.abs(places - servos.motor).max() < count
+    assert np.ptp(places) < 0.1 * count
+
+
 def test_a_stiff_servo_is_the_ideal_one():
     robot = ROBOTS["silicone_rod"]
     ways = []

@@ -50,6 +50,16 @@ _FELT = 1.0
 #: and sums [rad] of the turns of all joints in one and in the last.
 _ROUNDS, _LARGEST, _LARGE_TURN, _BALANCED = 30, 0.3, 1.0, 1e-4
 
+#: Turns [rad] left at which friction counts as not found.
+_LOST = 1e-2
+
+#: By how much more zones give way than before, in turn, where friction is not found at once.
+_LOOSER = (64.0, 0.25, 0.25, 0.25)
+
+#: Periods of the first mode that a jump lasts, and its way beyond, over the gap: where tensions are
+#: too few for all coordinates, a tip rests nearer to a point that it comes back to.
+_STRAIGHT, _BEYOND = (1.0, 0.0), (2.0, 0.45)
+
 #: Largest speed of a smooth motion over its mean.
 _STEEPEST = 15 / 8
 
@@ -64,7 +74,7 @@ class Moving(NamedTuple):
         inputs: (n_inputs,), the last ones wanted; None at the start.
         rate: (n_inputs,), their last rate; None before there is one.
         shifts: (up to 3, nv) [rad], x_0 at the last instants, newest first.
-        anchors: Where friction would vanish, see `RubbingForces`.
+        rubbed: `anchors` and `came` of `RubbingForces`.
         more, turned: (m,) and (nv,), what friction has changed of actions and posture.
         eased: What is left of a jump of the reference; None where there was none.
     """
@@ -73,7 +83,7 @@ class Moving(NamedTuple):
     inputs: ndarray | None = None
     rate: ndarray | None = None
     shifts: tuple[ndarray, ...] = ()
-    anchors: ndarray | None = None
+    rubbed: tuple[ndarray, ndarray] | None = None
     more: ndarray | None = None
     turned: ndarray | None = None
     eased: "Eased | None" = None
@@ -85,16 +95,22 @@ class Eased(NamedTuple):
     Attributes:
         gap: (n_inputs,), inputs before it less those of the rest it leads to.
         lasts, time: [s], in all and until now.
+        beyond: Way beyond the rest in between, over the gap.
     """
 
     gap: ndarray
     lasts: float
+    beyond: float
     time: float = 0.0
 
     def left(self, later: float = 0.0) -> ndarray:
-        """What is left of the gap (n_inputs,) some time [s] later, with the least jerk."""
+        """What is left of the gap (n_inputs,) some time [s] later, with the least jerk.
+
+        What is beyond the rest has as many derivatives that vanish at both ends.
+        """
         x = min(max((self.time + later) / self.lasts, 0.0), 1.0)
-        return (1 - x**3 * (10 - 15 * x + 6 * x * x)) * self.gap
+        straight = 1 - x**3 * (10 - 15 * x + 6 * x * x)
+        return (straight - self.beyond * (4 * x * (1 - x)) ** 3) * self.gap
 
 
 class InverseDynamics(Feedforward):
@@ -134,6 +150,8 @@ class InverseDynamics(Feedforward):
         self._rubs = robot.has_capstan_friction
         self._first = 2 * np.pi / self._statics.first_mode()[0]
         self._rubbing: RubbingForces | None = None
+        asked = len(self._statics.inverse.directions)
+        self._jump = _BEYOND if self._statics.inverse.freedom < asked else _STRAIGHT
 
     def _motion(self, observation: Observation, state: FeedforwardState) -> Motion:
         """The reference in the middle of the time that the commands are in force."""
@@ -154,7 +172,7 @@ class InverseDynamics(Feedforward):
             way, eased = (rest, None) if found is None else (found[0], eased)
         linear = self._statics.linearised(way) if rest.reached else None
         if linear is None:
-            return rest.inputs, Moving(now, anchors=memory.anchors), None
+            return rest.inputs, Moving(now, rubbed=memory.rubbed), None
         if eased is None:
             rate, change = self._through_rests(rest, linear, motion.velocity, motion.acceleration)
         else:
@@ -185,8 +203,9 @@ class InverseDynamics(Feedforward):
         if self._statics.error(before.place.posture, expected) <= self._near:
             return eased
         gap = before.inputs - rest.inputs + (0.0 if eased is None else eased.left())
-        lasts = max(self._first, _STEEPEST * np.abs(gap).max() / self._commands.speed)
-        return Eased(gap, lasts, self._period / 2)
+        periods, beyond = self._jump
+        lasts = max(periods * self._first, _STEEPEST * np.abs(gap).max() / self._commands.speed)
+        return Eased(gap, lasts, beyond, self._period / 2)
 
     def _on_the_way(
         self, rest: Rest, eased: Eased, state: FeedforwardState
@@ -199,14 +218,18 @@ class InverseDynamics(Feedforward):
         guess = state.rest.place.posture
         try:
             for later in (-period, 0.0, period):
-                guess = solver.posture(rest.inputs + eased.left(later), guess)
+                guess = solver.posture(self._within(rest.inputs + eased.left(later)), guess)
                 postures.append(guess)
         except EquilibriumError:
             return None
-        inputs = rest.inputs + eased.left()
+        inputs = self._within(rest.inputs + eased.left())
         back, on = (solver.turns(postures[1], x) for x in postures[::2])
         way = rest._replace(inputs=inputs, place=solver.place(inputs, postures[1]))
         return way, (on - back) / (2 * period), (on + back) / period**2
+
+    def _within(self, inputs: ndarray) -> ndarray:
+        """The nearest inputs (n_inputs,) within their limits."""
+        return self._inputs.from_actions(np.clip(self._inputs.to_actions(inputs), -1.0, 1.0))
 
     def _moving(
         self, way: Rest, linear: Linear, rate: ndarray, change: ndarray, memory: Moving
@@ -251,18 +274,22 @@ class InverseDynamics(Feedforward):
             memory: Of the last decision.
         """
         solver = self._statics.solver(rest.spatial)
-        if memory.anchors is None or self._rubbing is None:
+        if memory.rubbed is None or self._rubbing is None:
             self._rubbing = RubbingForces(solver.forces.model, rest.place.posture)
-        if memory.anchors is not None:
-            self._rubbing.anchors = memory.anchors
+        if memory.rubbed is not None:
+            self._rubbing.anchors, self._rubbing.came = memory.rubbed
         start = action, posture
         if memory.more is not None:
             start = action + memory.more, solver.moved(posture, memory.turned)
-        held, there = self._held(solver, rest, force, action, *start)
+        held, there, found = self._held(solver, rest, force, action, *start)
+        for factor in () if found else _LOOSER:
+            self._rubbing.loosen(factor)
+            held, there, found = self._held(solver, rest, force, action, held, there)
         self._rubbing.force(there, solver.controls_for(held))
         self._rubbing.stay()
         more, turned = held - action, solver.turns(posture, there)
-        return held, there, Moving(anchors=self._rubbing.anchors, more=more, turned=turned)
+        rubbed = self._rubbing.anchors, self._rubbing.came
+        return held, there, Moving(rubbed=rubbed, more=more, turned=turned)
 
     def _held(
         self,
@@ -272,9 +299,10 @@ class InverseDynamics(Feedforward):
         plain: ndarray,
         action: ndarray,
         posture: ndarray,
-    ) -> tuple[ndarray, ndarray]:
+    ) -> tuple[ndarray, ndarray, bool]:
         """Actions (m,) and posture (nq,) that hold the tip in its place under friction and a force.
 
+        And whether they were, at least nearly.
         By Newton's method from others; of what moves no tip they have as much as `plain` ones (m,).
         """
         rubbing = solver.under(self._rubbing)
@@ -291,7 +319,7 @@ class InverseDynamics(Feedforward):
                 turned = linear.balance + linear.by_actions @ more
                 left = np.abs(turned).sum()
             if left < _BALANCED:
-                break
+                return action, posture, True
             if left < least:
                 size = max(1.0, np.abs(more).max() / _LARGEST, left / _LARGE_TURN)
                 least, step, turn = left, more / size, turned / size
@@ -299,7 +327,7 @@ class InverseDynamics(Feedforward):
             else:  # beyond where a zone breaks loose
                 step, turn = step / 2, turn / 2
                 action, posture = action - step, solver.moved(posture, -turn)
-        return action, posture
+        return action, posture, least < _LOST
 
     def _through_rests(
         self, rest: Rest, linear: Linear, velocity: ndarray, acceleration: ndarray

@@ -65,11 +65,11 @@ class Feedback:
     while an input is at its limit (no wind-up).
 
     Quasi-statically the plant from J+ e to e has unit gain, and its first mode (frequency w,
-    damping rate mu w^2) limits both gains: an action held for a period T for a tip seen d ago acts
-    T / 2 + d late on average, which takes K_P w^2 (T / 2 + d) from the damping rate, so
-    K_P < mu / (T / 2 + d); pure integral action needs K_I < mu w^2. The default gains are fractions
-    of these limits, and K_P at most 2. They track better than feedforward alone but damp nothing,
-    so that a step swings longer.
+    damping rate mu w^2) limits both gains: an action held for a period T for a tip seen d ago, by
+    drives that are d' late, acts T / 2 + d + d' late on average, which takes K_P w^2 times that
+    from the damping rate, so K_P < mu / (T / 2 + d + d'); pure integral action needs
+    K_I < mu w^2. The default gains are fractions of these limits, and K_P at most 2. They track
+    better than feedforward alone but damp nothing, so that a step swings longer.
 
     An integral makes up for what is wrong at the last point alone. In its place a Kalman filter
     learns what is wrong all over the workspace: offsets of the inputs, a stiffness, a damping, a
@@ -87,6 +87,7 @@ class Feedback:
         integral: float | None = None,
         tip_delay: float = 0.0,
         learning: Neighbourhood | None = None,
+        drive_delay: float = 0.0,
     ) -> None:
         """Set the gains.
 
@@ -97,6 +98,7 @@ class Feedback:
             integral: K_I [1/s]; by default 0.45 of its limit, 0 where differences are learned.
             tip_delay: d [s], rounded to whole control periods, as environments do.
             learning: Of the statics, of a chain, to learn how a robot differs from it.
+            drive_delay: d' [s], how late drives follow.
         """
         check_argument("control_period", control_period, Positive)
         check_argument("proportional", proportional, NotNegative | None)
@@ -104,8 +106,9 @@ class Feedback:
         check_argument("tip_delay", tip_delay, NotNegative)
         self._statics, self._period = statics, control_period
         self._late = round(tip_delay / control_period)
+        self._acts = round(drive_delay / control_period)
         frequency, damping_time = statics.first_mode()
-        limit = damping_time / (control_period * (0.5 + self._late))
+        limit = damping_time / (control_period * (0.5 + self._late) + drive_delay)
         gain = min(_LARGEST, _PROPORTIONAL * limit)
         self._proportional = gain if proportional is None else proportional
         share = _INTEGRAL * damping_time * frequency**2 if learning is None else 0.0
@@ -125,7 +128,7 @@ class Feedback:
         n = 1 + (0 if differs is None else len(differs.mean))
         moved = np.zeros((n, k))
         mode = np.zeros((0 if differs is None else 2 * self._near.modes.shape[1], n))
-        before = self._late * (Sent(reference.copy(), moved),)
+        before = (self._late + self._acts) * (Sent(reference.copy(), moved),)
         return FeedbackState(np.zeros(k), differs, mode, moved, None, before)
 
     def added(
@@ -141,7 +144,8 @@ class Feedback:
             before: What the last call returned.
         """
         sent = (*before.sent, Sent(reference.copy(), before.moved))
-        error = np.where(np.isfinite(tip), sent[0].reference - tip, 0.0)
+        seen = sent[self._acts]
+        error = np.where(np.isfinite(tip), seen.reference - tip, 0.0)
         integral = before.integral + self._period * error
         near = min(1.0, self._far / max(self._proportional * norm(error), 1e-300))
         change = near * self._proportional * error + self._integral * integral
@@ -150,9 +154,8 @@ class Feedback:
             shifted, limited = self._statics.shifted(rest, change)
         else:
             if np.isfinite(tip).all():
-                corrected, ways = sent[0].moved[0], sent[0].moved[1:]
-                left, far = error + corrected, float(norm(error))
-                differs = self._filter.updated(before.differs, left, ways, far)
+                left, far = error + sent[0].moved[0], float(norm(error))
+                differs = self._filter.updated(before.differs, left, seen.moved[1:], far)
                 now = now._replace(differs=differs)
             shifted, now, limited = self._made_up(rest, motion, change, now)
         return shifted - rest.inputs, now.unlearned(before) if limited else now, limited

@@ -168,6 +168,7 @@ class FeedforwardPI(Feedforward):
             integral,
             tip_delay,
             self._learning(control_period),
+            robot.drive.late,
         )
 
     def _learning(self, period: float) -> Neighbourhood | None:

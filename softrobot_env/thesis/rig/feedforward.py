@@ -139,7 +139,11 @@ class RigFeedforward(Controller):
             self._chain = ChainStatics(replace(believed, pieces=RIG_PIECES))
             near = Neighbourhood(self._chain, control_period)
             self._feedback = Feedback(
-                self._chain, control_period, tip_delay=tip_delay, learning=near
+                self._chain,
+                control_period,
+                tip_delay=tip_delay,
+                learning=near,
+                drive_delay=believed.drive.late,
             )
             self.requires, self.sizes = (*self.requires, _TIP), self.sizes | {_TIP: 2}
 

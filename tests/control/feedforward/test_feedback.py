@@ -51,20 +51,27 @@ def neighbourhood(period):
     return SimpleNamespace(reach=REACH, modes=one, n_built=0, about=about)
 
 
-def errors(period, delay, offset=1.0, duration=30.0, given=None, learning=False):
-    """Tips (n,) that should be at 0 but are pulled `offset` away, and the last state."""
+def errors(period, delay, offset=1.0, duration=30.0, given=None, learning=False, drive=(0, 0)):
+    """Tips (n,) that should be at 0 but are pulled `offset` away, and the last state.
+
+    Of a drive that is so many periods late, and is believed to be so many.
+    """
     square = FREQUENCY**2
     rates = np.array([[0, 1, 0], [-square, -DAMPING_TIME * square, square], [0, 0, 0]])
     move = expm(period * rates)
     near = neighbourhood(period) if learning else None
     given = delay * period if given is None else given
-    feedback = Feedback(statics(), period, tip_delay=given, learning=near)
+    lag, told = drive
+    late = {"tip_delay": given, "drive_delay": told * period}
+    feedback = Feedback(statics(), period, learning=near, **late)
     still = Motion(*np.zeros((3, 1)))
     felt, state, seen = feedback.start(np.zeros(1)), np.zeros(3), [0.0] * (delay + 1)
+    asked = [0.0] * lag
     for _ in range(round(duration / period)):
         tip = np.array([seen[-1 - delay]])
-        state[2:], felt, _ = feedback.added(REST, still, np.zeros(1), tip, felt)
-        state[2] += offset
+        more, felt, _ = feedback.added(REST, still, np.zeros(1), tip, felt)
+        asked.append(more[0])
+        state[2] = asked.pop(0) + offset
         state = move @ state
         seen.append(state[0])
     return np.array(seen), felt
@@ -80,6 +87,16 @@ def test_the_tip_comes_to_rest_however_late_it_is_seen(period, delay, learning):
 def test_gains_that_are_not_told_of_the_delay_are_unstable():
     seen, _ = errors(0.02, 4, given=0.0)
     assert np.abs(seen[-20:]).max() > 1.0
+
+
+@pytest.mark.parametrize("learning", [False, True])
+@pytest.mark.parametrize("delay", [0, 2])
+def test_drives_may_be_late_if_that_is_told(learning, delay):
+    knows, does_not = (
+        errors(0.02, delay, learning=learning, drive=(4, told))[0] for told in (4, 0)
+    )
+    assert np.abs(knows[-20:]).max() < 1e-2
+    assert delay or np.abs(does_not[-20:]).max() > 1.0
 
 
 @pytest.mark.parametrize(
