@@ -24,6 +24,12 @@ FEWEST_ROWS, MOST_ROWS = 3, 4
 #: The shadow of a simulation is as many times less accurate.
 SHADOW = 20.0
 
+#: Share [1] of the accuracy at which steps aim: estimates of ordinary motions then stay within it.
+AIM = 0.8
+
+#: Least estimate [1], over the accuracy: smaller errors are not resolved by the shadow.
+RESOLVED = 1 / 20
+
 #: Intervals into which a control period is divided at most, or a swing that outlasts it.
 MOST_INTERVALS = 256
 
@@ -90,13 +96,15 @@ class Integration:
         decay = pace.damping_ratio * frequency
         lasting = np.minimum(period, 1 / np.maximum(decay, 1e-300))
         care = np.minimum(1.0, pace.swing / lasting)
-        chosen[..., layout.ACCURACY] = care * (choice.accuracy or np.inf)
+        chosen[..., layout.ACCURACY] = AIM * care * (choice.accuracy or np.inf)
         chosen[..., layout.RATE] = pace.rate
         chosen[..., layout.CALM] = CALM * pace.damping_time
         chosen[..., layout.REACH] = self._reach
         chosen[..., 1, layout.ACCURACY] *= SHADOW
         chosen[..., layout.FEWEST], chosen[..., layout.MOST] = FEWEST_ROWS, MOST_ROWS
         chosen[..., 1, layout.FEWEST] = FEWEST_ROWS - 1
+        self._resolved = RESOLVED * (choice.accuracy or 0.0)
+        chosen[..., 0, layout.ESTIMATE] = self._resolved
         self.memory[which] = chosen
 
     def report(self, **arrays: ndarray) -> None:
@@ -134,6 +142,7 @@ class Integration:
         """Forget the motion so far."""
         self.memory[which, :, layout.NEXT] = self.memory[which, :, layout.LONGEST]
         self.memory[which, :, layout.WORST :] = 0.0
+        self.memory[which, 0, layout.ESTIMATE] = self._resolved
         self._states[which, :, : self._chained] = np.nan
         self._held[which] = 0.0
 
