@@ -289,20 +289,11 @@ STUDY = Study(
     measure=measure,
     label=lambda case: case[0],
     tables=[
-        table(
-            "Where the tip is, by tags and trackers",
-            "source",
-            "case",
-            "count",
-            "refused",
-            "e_mean",
-            "e_max",
-            "turn_max",
-            "latency",
-            "latency_max",
-            "stamp",
-            "cpu",
-        )
+        table(f"{title}, by tags and trackers", "source", "case", *columns)
+        for title, columns in {
+            "Where the tip is": ("count", "refused", "e_mean", "e_max", "turn_max"),
+            "When that is known": ("latency", "latency_max", "stamp", "cpu"),
+        }.items()
     ],
     note=f"tags: {1e3 * SIZE:g} mm, at 0.5 m or 1 m (far), of a camera with {LENS.size[0]} x "
     f"{LENS.size[1]} pixels and {LENS.focal[0]:g} pixels focal length, positions in the frame of a "

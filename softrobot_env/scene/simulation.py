@@ -37,9 +37,13 @@ _HEALTHY = bytes(4 * int(mjtWarning.mjNWARNING))
 #: Lengths that the integrator sums in another order than MuJoCo (`integration.forces`).
 _SUMMED = ("ten_length", "actuator_length")
 
+#: Times the accuracy that is wanted, an estimate is worth a warning: it is mostly some times as
+#: large as the error.
+WORRYING = 2.0
+
 
 def inaccuracy(scene: "Scene", estimate: float, time: float) -> TimestepWarning:
-    """The warning that an estimate [m] at a time [s] is beyond the accuracy."""
+    """The warning that an estimate [m] at a time [s] is far beyond the accuracy."""
     return TimestepWarning(
         f"robot {scene.name!r}: by t = {time:.3f} s the motion may be "
         f"{1e3 * estimate:.3g} mm off, {1e3 * scene.timestep.accuracy:.3g} mm are wanted, or its "
@@ -85,12 +89,12 @@ class Simulation:
         self._warnings = self.data.warning.number
         integration = self._integration
         self._estimate = integration.estimates
-        self._accuracy = self.scene.timestep.accuracy or inf
+        self._worrying = WORRYING * (self.scene.timestep.accuracy or inf)
         self._compiled = integration.advance.locked
         self._arguments = self.model._address, self.data._address, 0, integration.header
 
     def __getstate__(self) -> dict:
-        views = {"_warnings", "_estimate", "_accuracy", "_compiled", "_arguments"}
+        views = {"_warnings", "_estimate", "_worrying", "_compiled", "_arguments"}
         state = {k: v for k, v in self.__dict__.items() if k not in views}
         return state | {name: getattr(self.data, name).copy() for name in _SUMMED}
 
@@ -161,7 +165,7 @@ class Simulation:
             Whether all went well; if not, `failure` says what happened.
         """
         self._compiled(*self._arguments)
-        if self._estimate[0] > self._accuracy:
+        if self._estimate[0] > self._worrying:
             self._warn()
         return self._warnings.tobytes() == _HEALTHY
 

@@ -6,6 +6,8 @@ import shutil
 import socket
 import subprocess
 import sys
+import time
+import urllib.error
 import urllib.request
 from dataclasses import replace
 
@@ -48,6 +50,19 @@ def own_address():
 _WEB = "from softrobot_env.cli import main; main(['view', '--robot', 'planar_finger', '--web'])"
 
 
+def status_of(address, seconds=20.0):
+    """Of a page, whose address is printed a moment before it is served."""
+    end = time.monotonic() + seconds
+    while True:
+        try:
+            with urllib.request.urlopen(address, timeout=seconds) as page:
+                return page.status
+        except urllib.error.URLError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.1)
+
+
 @pytest.mark.slow
 def test_the_browser_is_served_on_this_machine_alone(tmp_path):
     pytest.importorskip("mujoco.studio.launch_web")
@@ -60,8 +75,7 @@ def test_the_browser_is_served_on_this_machine_alone(tmp_path):
             reported += line
         assert "no authentication" in reported
         port = int(found[1])
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=20) as page:
-            assert page.status == 200
+        assert status_of(f"http://127.0.0.1:{port}/") == 200
         if (address := own_address()) is not None:
             with socket.socket() as other:
                 assert other.connect_ex((address, port)) != 0

@@ -18,7 +18,7 @@ from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.integration.layout import FEWEST as FEWEST_PLACE
 from softrobot_env.scene.integration.layout import MOST, RATE, WORST
 from softrobot_env.scene.integration.probe import probe
-from softrobot_env.scene.simulation import Simulation
+from softrobot_env.scene.simulation import WORRYING, Simulation
 from softrobot_env.scene.timestep import TimestepWarning, bent_beam, linearize, slowest
 
 PERIOD = 0.01
@@ -149,7 +149,6 @@ def slack(damping_ratio, stiffness):
     return replace(rod, tendons=tuple(tendons))
 
 
-@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 @pytest.mark.parametrize(
     ("damping_ratio", "curvature"), [(0.012, 8.0), (0.2, 8.0), (0.2, -10.0), (0.01, 10.0)]
 )
@@ -235,7 +234,6 @@ def test_the_probe_measures_error_and_cost():
     assert crude.error > 10 * found.error
 
 
-@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 def test_huge_accelerations_of_a_small_stiff_robot_are_no_divergence():
     """A steel wire in its fastest oscillation, against that of the linear chain."""
     wire = RobotParams("wire", 0.01, 2e-4, 0.0, 2e11, 8000.0, 0.0, 8)
@@ -320,7 +318,7 @@ def test_undamped_motion_gains_no_energy_and_tells_what_it_loses(curvature, dura
     assert energies.max() < 1.01
     assert energies.min() > 0.8
     lost = np.flatnonzero(np.abs(energies - 1) > 0.05)
-    assert not len(lost) or estimates[lost[0] - 1] > 1
+    assert not len(lost) or estimates[lost[0] - 1] > WORRYING
 
 
 def test_wrong_speeds_of_an_undamped_arm_are_told():
@@ -340,7 +338,7 @@ def test_wrong_speeds_of_an_undamped_arm_are_told():
             mujoco.mj_forward(model, data)
             gap = simulation.data.sensordata - data.sensordata
             speed_error[k] = np.linalg.norm(gap[3:])
-    assert np.linalg.norm(gap[:3]) < accuracy
+    assert np.linalg.norm(gap[:3]) < WORRYING * accuracy
     told = simulation.integration_error * slowest(built.config.robot, False)
     assert accuracy * slowest(built.config.robot, False) < speed_error.max() < 2 * told
 

@@ -18,7 +18,7 @@ from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.integration.integrator import RESOLVED
 from softrobot_env.scene.quadrature import RULES
-from softrobot_env.scene.simulation import Simulation
+from softrobot_env.scene.simulation import WORRYING, Simulation
 from softrobot_env.scene.timestep import linearize
 from studies.truths.varying_beam import bending_frequencies
 
@@ -136,7 +136,6 @@ def test_inputs_may_be_held_or_steady():
     np.testing.assert_array_equal(built.simulate(0.2, np.ones((200, 1))).q, constant.q)
 
 
-@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 def test_a_motion_tells_its_error():
     built = chain(pieces=6, loads=(Load("push", LENGTH, (1.0, 0.0, 0.0)),), control_period=0.01)
     fine = replace(built.config, accuracy=1e-7)
@@ -147,8 +146,8 @@ def test_a_motion_tells_its_error():
     assert motion.integration_error[0] == pytest.approx(RESOLVED * built.timestep.accuracy)
     assert np.all(np.diff(motion.integration_error) >= 0)
     assert np.max(errors) < built.timestep.accuracy
-    # Speeds count in it: it may be larger than any displacement.
-    assert np.max(errors) < motion.integration_error[-1] < 2 * built.timestep.accuracy
+    # Speeds count in it: it may be larger than any displacement, but not worth a warning.
+    assert np.max(errors) < motion.integration_error[-1] < WORRYING * built.timestep.accuracy
     assert build_scene(replace(fine, integrator="RK4")).simulate(0.1).integration_error is None
 
 

@@ -23,7 +23,7 @@ from softrobot_env.robots.variations import VARIATIONS
 from softrobot_env.scene.build import CompiledModel, Scene, paces_of, vary_scene
 from softrobot_env.scene.integration.layout import library_path
 from softrobot_env.scene.servos import Servos
-from softrobot_env.scene.simulation import Simulation, inaccuracy
+from softrobot_env.scene.simulation import WORRYING, Simulation, inaccuracy
 from softrobot_env.scene.tendons import full_length
 from softrobot_env.scene.timestep import Pace
 
@@ -250,13 +250,13 @@ class Batch:
         self._nobody.flags.writeable = False
         self._warned = False
         self._estimates = self._integration.estimates
-        self._accuracy = scene.timestep.accuracy or inf
+        self._worrying = WORRYING * (scene.timestep.accuracy or inf)
         self._periods = 0
 
     def _warn(self) -> None:
         """Tell once that a robot does not keep the accuracy."""
         found = np.where(~self._warnings[:, :, 1].any(axis=1), self._estimates, 0.0).max()
-        if found > self._accuracy:
+        if found > self._worrying:
             self._warned = True
             time = self._periods * self.scene.config.control_period
             warnings.warn(inaccuracy(self.scene, found, time), stacklevel=5)
@@ -307,7 +307,7 @@ class Batch:
         """
         self._batch.apply(which, self._integration.advance.ctypes, self._integration.header)
         self._periods += 1
-        if not self._warned and self._estimates.max() > self._accuracy:
+        if not self._warned and self._estimates.max() > self._worrying:
             self._warn()
         if self._warnings.tobytes() == self._no_warnings:
             return self._nobody
