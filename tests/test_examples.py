@@ -43,7 +43,7 @@ def test_ppo_in_one_file(monkeypatch, tmp_path, capsys):
 PICTURES = (
     *("first_steps", "compare_controllers", "own_robot", "own_task", "own_controller"),
     *("identify_stiffness", "gripper_sensors", "randomised_batch", "plain_mujoco", "beam_model"),
-    *("train_and_show", "virtual_rig"),
+    *("train_and_show", "virtual_rig", "design_tendons"),
 )
 
 
@@ -80,6 +80,8 @@ def test_pictures(name, monkeypatch, tmp_path):
         assert shifted < 0.3 * static
     if name == "gripper_sensors":
         assert known["info"]["success"]
+    if name == "design_tendons":
+        assert max(known["gaps"]) < 1.0  # mm
 
 
 def test_notebooks_are_made_of_examples(tmp_path):
