@@ -1,4 +1,4 @@
-"""From a controller of one robot to stable-baselines3's `predict`, single or batched."""
+"""Base class of controllers: the law of one robot behind stable-baselines3's `predict`."""
 
 import gc
 from abc import ABC, abstractmethod
@@ -28,10 +28,10 @@ REASONS = {
 
 
 class Memory(NamedTuple):
-    """State of a policy whose work is done in a kernel.
+    """State of a policy that is computed in a kernel.
 
     Attributes:
-        values: (k,), what the kernel remembers.
+        values: (k,), the kernel's memory.
         code: Key of `REASONS`.
     """
 
@@ -40,15 +40,15 @@ class Memory(NamedTuple):
 
     @property
     def status(self) -> str | None:
-        """Why the action is not the one wanted, or None."""
+        """Why the action is not the intended one, or None."""
         return REASONS[self.code]
 
 
 class Said(NamedTuple):
-    """State of a policy that remembers nothing: what is to be said of its last action.
+    """State of a policy without memory: only the status of its last action.
 
     Attributes:
-        status: Why the action is not the one wanted, or None.
+        status: Why the action is not the intended one, or None.
     """
 
     status: str | None
@@ -57,16 +57,16 @@ class Said(NamedTuple):
 #: What a policy may measure of the state of a robot.
 MEASURED = frozenset({"tip_position", "tip_velocity", "curvature", "curvature_rate"})
 
-#: [s] of computing in a rehearsal that tells that a compiler was at work, or its cache.
+#: [s], a warm-up call that takes longer has compiled something, or loaded it from the cache.
 _COMPILED = 0.02
 
 
 class Held(NamedTuple):
-    """State of a policy that decides less often than it is asked.
+    """State of a policy that decides less often than it is called.
 
     Attributes:
         inner: State of its `act`.
-        action: (n_inputs,) [1], the action in force.
+        action: (n_inputs,) [1], the current action.
         left: Calls until the next decision.
     """
 
@@ -76,16 +76,16 @@ class Held(NamedTuple):
 
     @property
     def status(self) -> str | None:
-        """Why the action, or the motion that it gives, is not the one wanted, or None."""
+        """Why the action, or the resulting motion, is not the intended one, or None."""
         return getattr(self.inner, "status", None)
 
 
 class Uncomputed(NamedTuple):
-    """State of a policy whose decision was no finite action: the action in force is kept.
+    """State of a policy whose decision was not finite: the current action is kept.
 
     Attributes:
-        before: State before that decision, with which it goes on.
-        status: Why, see `Controller`.
+        before: State before that decision, from which the policy continues.
+        status: The reason, see `Controller`.
     """
 
     before: Any
@@ -95,20 +95,20 @@ class Uncomputed(NamedTuple):
 class Controller(ABC):
     """A policy written for one robot; `predict` serves one or several environments.
 
-    Subclasses implement `start` and `act`. Nothing about an episode is kept in the object: the
-    state returned by `predict` carries it (a list with one entry per environment when the
-    observations are stacked). A state may have a `status`: why the action, or the motion that it
-    gives, is not the one wanted (tension limit, reference out of reach, bad observation), or None.
+    Subclasses implement `start` and `act`. The object keeps nothing about an episode: that is in
+    the state returned by `predict` (a list with one entry per environment for stacked
+    observations). A state may have a `status`: why the action, or the resulting motion, is not the
+    intended one (tension limit, reference out of reach, bad observation), or None.
 
-    An action of `act` that is not finite is never returned: the action in force is kept, `act` goes
-    on from the state before, and the status names the observables that are not finite, or else
-    blames the policy's own computation.
+    An action of `act` that is not finite is never returned: the current action is kept, `act`
+    continues from the previous state, and the status names the observables that are not finite, or
+    else the policy's own computation.
 
     Attributes:
-        requires: Observables the policy reads.
-        hold: Number of control periods that an action is kept for.
-        sizes: Entries that observables must have, where the policy depends on it.
-        preview: [s], times ahead at which the environment must show the reference, if it matters.
+        requires: Observables that the policy reads.
+        hold: Number of control periods for which an action is kept.
+        sizes: Required sizes of observables, for those where the policy depends on them.
+        preview: [s], times ahead at which the environment must show the reference, if that matters.
     """
 
     requires: tuple[str, ...]
@@ -122,7 +122,7 @@ class Controller(ABC):
 
     @abstractmethod
     def act(self, observation: Observation, state: Any) -> tuple[ndarray, Any]:
-        """Action (n_inputs,) in [-1, 1], in an array that nobody keeps, and next state."""
+        """Action (n_inputs,) in [-1, 1], in an array that is not reused, and next state."""
 
     def predict(
         self,
@@ -135,7 +135,7 @@ class Controller(ABC):
 
         Raises:
             ValueError: The observation lacks an observable in `requires`, one has a size the
-                policy cannot use (looked at when an episode starts), or state or episode_start
+                policy cannot use (checked when an episode starts), or state or episode_start
                 belong to another number of environments.
         """
         first = observation.get(self.requires[0])
@@ -169,10 +169,11 @@ class Controller(ABC):
                 )
 
     def warm_up(self, robot: RobotParams) -> None:
-        """Decide for a robot at rest, so that no decision will wait for a compiler or its leavings.
+        """Decide for a robot at rest, so that no later decision waits for compilation.
 
-        `make_policy` does so. Three decisions: some laws compute more once they have a past. A
-        policy that does not tell the `sizes` of all that it `requires` is not warmed up.
+        Called by `make_policy`. It takes three decisions, because some laws compute more once they
+        have a history. A policy that does not declare the `sizes` of everything it `requires` is
+        not warmed up.
         """
         if not set(self.requires) <= self.sizes.keys():
             return
@@ -181,12 +182,12 @@ class Controller(ABC):
         state = self.start(observation)
         for _ in range(3):
             _, state = self.act(observation, state)
-        if process_time() - begin > _COMPILED:  # what it leaves would soon be collected, for long
+        if process_time() - begin > _COMPILED:  # collect the garbage of compilation now
             gc.collect()
 
     def _go_on(self, observation: Observation, state: Any) -> tuple[ndarray, Any]:
         if state.left:
-            action = state.action.copy()  # the caller may change what it gets
+            action = state.action.copy()  # the caller may modify it
             return action, Held(state.inner, state.action, state.left - 1)
         return self._decide(observation, state.inner)
 
@@ -198,14 +199,14 @@ class Controller(ABC):
         """Finite action (n_inputs,) as float32, and next state."""
         before = state.before if type(state) is Uncomputed else state
         action, state = self.act(observation, before)
-        if not isfinite(sum(action.tolist())):  # far quicker than NumPy's
+        if not isfinite(sum(action.tolist())):  # far faster than NumPy's
             action, state = self._failed(observation, action, before)
         return action.astype(np.float32, copy=False), state
 
     def _failed(
         self, observation: Observation, action: ndarray, before: Any
     ) -> tuple[ndarray, Uncomputed]:
-        """The action in force where it is known, in place of one that is not finite, and why."""
+        """The current action, if known, in place of one that is not finite, and the reason."""
         kept = in_force({"previous_action": np.zeros_like(action), **observation})
         bad = [name for name in self.requires if not np.isfinite(observation[name]).all()]
         why = f"{REASONS[NOT_FINITE]}: {', '.join(bad)}" if bad else REASONS[NOT_COMPUTED]
@@ -232,8 +233,8 @@ class Controller(ABC):
     ) -> tuple[ndarray, list[Any]]:
         """Actions (k, n_inputs) and next states for as many observations and states.
 
-        A state of None begins an episode. This is one decision after the other; for policies that
-        make them all in one call see `control.memoryless`.
+        A state of None begins an episode. Here the decisions are made one after the other;
+        `control.memoryless` makes them all in one call.
         """
         each = [{name: observation[name][i] for name in self.requires} for i in range(len(states))]
         decided = [self.predict(one, state) for one, state in zip(each, states, strict=True)]
@@ -241,12 +242,12 @@ class Controller(ABC):
 
 
 class Hold(Controller):
-    """Repeat the action in force at the start; the baseline that any controller has to beat."""
+    """Repeat the action of the start; the baseline that every controller has to beat."""
 
     requires = ("previous_action",)
 
     def __init__(self, robot: RobotParams, control_period: float) -> None:
-        """Of any robot, at any control period [s]."""
+        """Works for any robot and any control period [s]."""
 
     def start(self, observation: Observation) -> ndarray:
         """The action to keep."""
@@ -268,7 +269,7 @@ def _single(episode_start: ndarray) -> bool:
 
 
 def _at_rest(robot: RobotParams, sizes: dict[str, int]) -> dict[str, ndarray]:
-    """Observables of these sizes: the robot is straight, where it should be, and nothing pulls."""
+    """Observables of these sizes for a straight robot on its reference, without tension."""
     coordinates = sizes.get("reference", sizes.get("tip_position", 2))
     tip = np.zeros(coordinates)
     if robot.is_planar or coordinates == 3:
@@ -281,7 +282,7 @@ def _at_rest(robot: RobotParams, sizes: dict[str, int]) -> dict[str, ndarray]:
 
 
 def state_sizes(robot: RobotParams) -> dict[str, int]:
-    """Entries of the observables that the state of a planar robot and its inputs have."""
+    """Sizes of the observables for the state of a planar robot and its inputs."""
     return {
         "curvature": robot.pieces,
         "curvature_rate": robot.pieces,
@@ -292,17 +293,17 @@ def state_sizes(robot: RobotParams) -> dict[str, int]:
 
 
 def usable(values: ndarray) -> ndarray:
-    """Values (k,) with zeros in place of those that are no finite number."""
+    """Values (k,) with those that are not finite replaced by zero."""
     return np.where(np.isfinite(values), values, 0.0)
 
 
 def in_force(observation: Observation) -> ndarray:
-    """The previous action (n_inputs,), as far as it is one."""
+    """The previous action (n_inputs,), with zeros where it is not finite."""
     return np.clip(usable(observation["previous_action"]), -1.0, 1.0)
 
 
 def hold_for(period: float, control_period: float, policy: str) -> int:
-    """Number of control periods in a policy's own period [s].
+    """Number of control periods in a policy's period [s].
 
     Raises:
         ValueError: It is not a whole number of them.

@@ -1,4 +1,4 @@
-"""Policies whose commands arrive late by a known time: they see the robot as it then will be."""
+"""Compensation of a known delay: policies see the robot as it will be when their actions arrive."""
 
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ from .observers import RateObserver, rate_observer
 
 _REFERENCE = frozenset({"reference", "reference_preview"})
 
-#: What the environment shows of the time when the action arrives.
+#: What the environment shows for the time when the action arrives.
 _LED = frozenset({"reference_velocity", "reference_acceleration"})
 
 #: What an observer predicts.
@@ -25,7 +25,7 @@ _KNOWN = _REFERENCE | _LED | _ROBOT | {"previous_action"}
 
 
 def unpredicted(policy: Policy, robot: RobotParams) -> str | None:
-    """Why a policy of a robot cannot make up for a delay, None where it can."""
+    """Why a robot's policy cannot compensate for a delay, or None if it can."""
     name = type(policy).__name__
     if not isinstance(policy, Controller):
         return f"delay: {name} is no `control.base.Controller`"
@@ -36,13 +36,13 @@ def unpredicted(policy: Policy, robot: RobotParams) -> str | None:
 
 
 class PredictedState(NamedTuple):
-    """What the next call needs.
+    """State between two calls.
 
     Attributes:
         inner: State of the policy.
-        estimate: (4, n), see `RateObserver`; None before the first call, and without an observer.
-        applied: (m,) [1], action in force since the last call.
-        sent: (k, m) [1], actions that are yet to arrive, the oldest first.
+        estimate: (4, n), see `RateObserver`; None before the first call and without an observer.
+        applied: (m,) [1], action applied since the last call.
+        sent: (k, m) [1], actions still on their way, oldest first.
     """
 
     inner: Any
@@ -50,17 +50,17 @@ class PredictedState(NamedTuple):
     applied: ndarray
     sent: ndarray
 
-    #: As of the policy.
+    #: As in the policy.
     status = Held.status
 
 
 class DelayCompensation(Controller):
-    """A policy that is shown its robot, and the reference, at the time when its action arrives.
+    """A policy that sees its robot and the reference as they will be when its action arrives.
 
-    The model of an observer predicts curvatures and rates over the delay, under the actions that
-    are on their way, and with the unexplained forces that the observer found; the tip moves with
-    them. Servos wind up tendons towards their commands at their speed. The environment shows the
-    reference from then on.
+    The model of an observer predicts curvatures and rates over the delay, under the actions on
+    their way and the unexplained forces that the observer has estimated; the tip moves with them.
+    Servos wind their tendons towards the commands at their limited speed. The environment shows the
+    reference from that time on.
     """
 
     def __init__(
@@ -71,20 +71,20 @@ class DelayCompensation(Controller):
         delay: float,
         late_tip: bool = False,
     ) -> None:
-        """Let a policy act ahead.
+        """Wrap a policy.
 
         Args:
-            policy: Any controller that follows a reference and reads nothing else but its
-                derivatives, curvatures, their rates, the tip's position, lengths of tendons and the
-                action in force.
+            policy: Any controller that follows a reference and reads only its derivatives,
+                curvatures, their rates, the tip's position, tendon lengths and the current action.
             robot: Nominal robot.
             control_period: [s] between calls.
             delay: [s] between a call and the time when its action is applied.
-            late_tip: Whether the policy knows that it sees the tip late, by the delay and perhaps a
-                camera's: the tip is then shown as it is seen.
+            late_tip: Whether the policy accounts for a tip seen late, by the delay and perhaps the
+                camera's: it is then shown the tip as measured.
 
         Raises:
-            ValueError: Another policy, or a delay that is no multiple of the control period.
+            ValueError: The policy cannot be compensated, or the delay is not a multiple of the
+                control period.
         """
         check_argument("control_period", control_period, Positive)
         check_argument("delay", delay, Positive)
@@ -114,7 +114,7 @@ class DelayCompensation(Controller):
             self.sizes["reference_preview"] = self.sizes["reference"] * len(self.preview)
 
     def start(self, observation: Observation) -> PredictedState:
-        """Begin at rest, with the action in force; the policy is yet to start."""
+        """Begin at rest, with the current action; the policy has not started yet."""
         in_force = usable(observation["previous_action"])
         return PredictedState(None, None, in_force, np.tile(in_force, (self._steps, 1)))
 
@@ -142,7 +142,7 @@ class DelayCompensation(Controller):
         return self._observer.update(state.estimate, applied, curvature)
 
     def _then(self, observation: Observation, estimate: ndarray, sent: ndarray) -> Observation:
-        """What the policy sees of the robot when the actions (k, m) that were sent are through."""
+        """What the policy sees of the robot once the actions (k, m) sent have been applied."""
         now = np.vstack([observation["curvature"], observation["curvature_rate"], estimate[2:]])
         then, length = now, observation.get("tendon_length")
         for action in sent:
@@ -159,5 +159,5 @@ class DelayCompensation(Controller):
         seen["tendon_length"] = length
         return {name: seen[name] for name in self._predicted}
 
-    # The policy itself holds its actions.
+    # The policy holds its actions itself.
     _go_on = _decide = act

@@ -1,1 +1,1 @@
-"""Laws of any robot that begin with the inverse of its model along the reference."""
+"""Laws for any robot, based on the inverse of its model along the reference."""

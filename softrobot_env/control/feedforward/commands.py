@@ -1,4 +1,4 @@
-"""Commands with which drives have tendons where they should be: a robot's servos, inverted."""
+"""Inverse model of a robot's drives: commands that put its tendons where they should be."""
 
 import numpy as np
 from numpy import ndarray
@@ -11,23 +11,23 @@ SLOW, WEAK = "servo too slow", "force limit of a servo reached"
 
 
 class Commands:
-    """Commands of horns that are to move in a known way; those of tensions need nothing.
+    """Commands that make servo horns move as wanted; tensions need no correction.
 
-    A servo without a gain takes a while for its way. One with a gain, see
-    `scene.integration.motors`, is ahead by what moves its motor, over the gain:
+    A servo without a gain needs time to get to its command. The command of one with a gain, see
+    `scene.integration.motors`, leads by the force that moves its motor, over the gain:
 
         c = x + (m x'' + D x' + (1 + 2 a x) T + friction) / K,
 
-    and by half a count of its encoder, and by its dead time, which who asks has to look ahead.
-    Tendons lag by half of the backlash, and by their constant friction over their stiffness.
+    and by half a count of its encoder; the caller has to look ahead by its dead time. Tendons lag
+    by half of the backlash, and by their constant friction over their stiffness.
 
     Attributes:
-        late: [s], dead time from a command to the loop.
-        speed: [m/s], of servos; inf of other drives.
+        late: [s], dead time from a command to the control loop.
+        speed: [m/s], of servos; inf for other drives.
     """
 
     def __init__(self, robot: RobotParams, period: float) -> None:
-        """For commands held for a period [s]."""
+        """Commands are held for a period [s]."""
         self._drive, self._period = robot.drive, period
         self.late, self.speed = robot.drive.command_delay, robot.drive.speed
         self._ideal = robot.drive.kind != "length"
@@ -41,13 +41,13 @@ class Commands:
     def leading(
         self, wanted: ndarray, tension: ndarray, before: ndarray | None, rate: ndarray | None
     ) -> tuple[ndarray, ndarray | None, str | None]:
-        """Commands (m,), the rate (m,) of what is wanted, and what drives cannot do, or None.
+        """Commands (m,), the rate (m,) of the wanted values, and what drives cannot do, or None.
 
         Args:
-            wanted: (m,) [m], of the horns in the middle of the period; or [N] of drives in tension.
+            wanted: (m,) [m], positions of the horns in the middle of the period; or tensions [N].
             tension: (m,) [N], at the drives.
-            before: What was wanted a period ago; None at the start.
-            rate: Of it, as returned then.
+            before: The wanted values a period ago; None at the start.
+            rate: Their rate, as returned then.
         """
         if self._ideal:
             return wanted, None, None

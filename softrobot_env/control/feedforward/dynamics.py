@@ -1,18 +1,18 @@
-"""Inverse dynamics of any robot: servo constraints on its MuJoCo chain, about its statics.
+"""Inverse dynamics of any robot: servo constraints on its MuJoCo chain, around its statics.
 
-The tip is to move along z(t) (servo constraint, thesis (5.30) to (5.33)). Were the motion slow, the
-chain would go through its equilibria q_s(z). Inertia and damping along them, w = M q_s'' + D q_s' +
-C(q_s, q_s'), move the posture by x and ask for more tension, by the actions a_d:
+The tip should move along z(t) (servo constraint, thesis (5.30) to (5.33)). In a slow motion the
+chain would pass through its equilibria q_s(z). Inertia and damping along them, w = M q_s'' + D q_s'
++ C(q_s, q_s'), shift the posture by x and require additional actions a_d:
 
     K x + M x'' + D x' = B a_d - w,    J x = 0,
 
 with the stiffness K, the tensions' moment arms B and the tip's Jacobian J in that equilibrium.
-Friction along tendons takes from their tensions, by the ways that q_s' slides them, and is part of
-w where the robot has it, so that tensions at the drives make up for it. What
-is left besides the tip, the internal dynamics, is not integrated: it need not be stable, as the
-tip of a bending robot is not minimum phase. Instead it is taken as quasi-static first, x_0, then M
-and D act on x_0(t), a series in the square of the reference's frequency over those of the chain
-with its tip held. Of the a_d that do it, those with the least norm are taken, within the limits.
+Friction along tendons reduces their tension according to how q_s' slides them; where the robot has
+friction it is part of w, so that the tensions at the drives compensate for it. The remaining
+internal dynamics is not integrated: it may be unstable, because the tip of a bending robot is not
+minimum phase. Instead it is first taken as quasi-static, x_0, and then M and D act on x_0(t): a
+series in the squared ratio of the reference's frequency to those of the chain with its tip held.
+Among the a_d that satisfy this, those of least norm are taken, within the limits.
 """
 
 from pathlib import Path
@@ -37,30 +37,32 @@ from .motion import Motion
 from .nearby import Neighbourhood
 from .statics import ChainStatics, NetworkStatics, Rest
 
-#: Share of the reach within which the path of equilibria is taken as a parabola.
+#: Share of the reach within which the path of equilibria is approximated by a parabola.
 _NEAR = 5e-3
 
 #: x(t) at the last instants -> its rate and its second derivative, over the period and its square.
 _FIRST, _SECOND = np.array([1.5, -2.0, 0.5, 0.0]), np.array([2.0, -5.0, 4.0, -1.0])
 
-#: Way of the tip, over `_NEAR` of the reach, that a part of the tensions left out must be worth.
+#: Tip motion by the neglected tensions, over `_NEAR` of the reach, from which on a reference is too
+#: fast.
 _FELT = 1.0
 
-#: Rounds at most in which tensions and their friction are found, largest step of an action in one,
-#: and sums [rad] of the turns of all joints in one and in the last.
+#: Iterations at most for tensions and their friction, largest step of an action in one,
+#: and sums [rad] of the joint angles in one and in the last.
 _ROUNDS, _LARGEST, _LARGE_TURN, _BALANCED = 30, 0.3, 1.0, 1e-4
 
-#: Turns [rad] left at which friction counts as not found.
+#: Remaining joint angles [rad] above which friction counts as not converged.
 _LOST = 1e-2
 
-#: By how much more zones give way than before, in turn, where friction is not found at once.
+#: Factors on the compliance of friction zones, tried in turn where friction does not converge at
+#: once.
 _LOOSER = (64.0, 0.25, 0.25, 0.25)
 
-#: Periods of the first mode that a jump lasts, and its way beyond, over the gap: where tensions are
-#: too few for all coordinates, a tip rests nearer to a point that it comes back to.
+#: Periods of the first mode that a jump lasts, and its overshoot, over the gap: with too few
+#: tensions for all coordinates, a tip comes to rest nearer to a point that it returns to.
 _STRAIGHT, _BEYOND = (1.0, 0.0), (2.0, 0.45)
 
-#: Largest speed of a smooth motion over its mean.
+#: Largest over mean speed of the smooth motion.
 _STEEPEST = 15 / 8
 
 _FAST = "reference too fast for the internal dynamics"
@@ -72,11 +74,11 @@ class Moving(NamedTuple):
     Attributes:
         acceleration: (k,) [m/s2], of the last reference; None at the start.
         inputs: (n_inputs,), the last ones wanted; None at the start.
-        rate: (n_inputs,), their last rate; None before there is one.
+        rate: (n_inputs,), their last rate; None at the start.
         shifts: (up to 3, nv) [rad], x_0 at the last instants, newest first.
         rubbed: `anchors` and `came` of `RubbingForces`.
-        more, turned: (m,) and (nv,), what friction has changed of actions and posture.
-        eased: What is left of a jump of the reference; None where there was none.
+        more, turned: (m,) and (nv,), changes of actions and posture due to friction.
+        eased: What is left of a jump of the reference; None without one.
     """
 
     acceleration: ndarray | None = None
@@ -90,12 +92,12 @@ class Moving(NamedTuple):
 
 
 class Eased(NamedTuple):
-    """A jump that is made as a smooth motion.
+    """A jump of the reference, replaced by a smooth motion.
 
     Attributes:
-        gap: (n_inputs,), inputs before it less those of the rest it leads to.
-        lasts, time: [s], in all and until now.
-        beyond: Way beyond the rest in between, over the gap.
+        gap: (n_inputs,), inputs before it minus those at its end.
+        lasts, time: [s], its duration and the time passed.
+        beyond: Overshoot in between, over the gap.
     """
 
     gap: ndarray
@@ -104,9 +106,9 @@ class Eased(NamedTuple):
     time: float = 0.0
 
     def left(self, later: float = 0.0) -> ndarray:
-        """What is left of the gap (n_inputs,) some time [s] later, with the least jerk.
+        """What is left of the gap (n_inputs,) some time [s] later, along a minimum-jerk motion.
 
-        What is beyond the rest has as many derivatives that vanish at both ends.
+        The overshoot has as many vanishing derivatives at both ends.
         """
         x = min(max((self.time + later) / self.lasts, 0.0), 1.0)
         straight = 1 - x**3 * (10 - 15 * x + 6 * x * x)
@@ -116,9 +118,9 @@ class Eased(NamedTuple):
 class InverseDynamics(Feedforward):
     """Inputs that move the tip along the reference, by the dynamics of the robot's chain.
 
-    They hold for a control period, so they are those for the middle of it. The state's `status`
-    says besides what `Feedforward` says where an input is at its limit, a servo is too slow, or the
-    reference is so fast that the internal dynamics cannot be told from the equilibria.
+    They hold for a control period, so they are computed for its middle. In addition to what
+    `Feedforward` reports, the state's `status` says where an input is at its limit, a servo is too
+    slow, or the reference is too fast for the series about the equilibria.
     """
 
     requires = ("reference", "reference_velocity", "reference_acceleration", "previous_action")
@@ -127,16 +129,16 @@ class InverseDynamics(Feedforward):
     def __init__(
         self, robot: RobotParams, control_period: float, weights: str | Path | None = None
     ) -> None:
-        """Find the statics.
+        """Set up the statics.
 
         Args:
-            robot: With tendons.
+            robot: A robot with tendons.
             control_period: [s] between calls.
-            weights: File of a network, whose statics count in place of the chain's (the hybrid law
-                of thesis sec. 5.3): s = network(z) + s_dyn, (5.36) to (5.39).
+            weights: File of a network whose statics replace the chain's (the hybrid law of thesis
+                sec. 5.3): s = network(z) + s_dyn, (5.36) to (5.39).
 
         Raises:
-            ValueError: The robot has no tendons, or the network is of another robot.
+            ValueError: The robot has no tendons, or the network belongs to another robot.
             FileNotFoundError: No such file.
         """
         check_argument("control_period", control_period, Positive)
@@ -154,7 +156,7 @@ class InverseDynamics(Feedforward):
         self._jump = _BEYOND if self._statics.inverse.freedom < asked else _STRAIGHT
 
     def _motion(self, observation: Observation, state: FeedforwardState) -> Motion:
-        """The reference in the middle of the time that the commands are in force."""
+        """The reference in the middle of the time in which the commands act."""
         now = Motion(*(observation[name] for name in self.requires[:3]))
         return now.ahead(
             self._period / 2 + self._commands.late, state.memory.acceleration, self._period
@@ -163,7 +165,7 @@ class InverseDynamics(Feedforward):
     def _added(
         self, observation: Observation, motion: Motion, rest: Rest, state: FeedforwardState
     ) -> tuple[ndarray, Moving, str | None]:
-        """Inputs of the motion; at rest those of the statics."""
+        """Inputs of the motion; at rest, those of the statics."""
         memory, way = state.memory, rest
         now = observation["reference_acceleration"].copy()
         eased = self._jumped(motion, rest, state)
@@ -187,9 +189,10 @@ class InverseDynamics(Feedforward):
         return driven, moved, reason or late
 
     def _jumped(self, motion: Motion, rest: Rest, state: FeedforwardState) -> Eased | None:
-        """How to get to a rest, after a jump now or lately; None where it was there before.
+        """The smooth motion to a rest, after a jump now or recently; None without one.
 
-        Friction would hold a robot that swings wherever it likes, so it must not.
+        A robot that swings would be stopped by friction anywhere, so the motion must not make it
+        swing.
         """
         before, eased = state.rest, state.memory.eased
         if not self._rubs or before.place is None or not rest.reached:
@@ -212,7 +215,7 @@ class InverseDynamics(Feedforward):
     ) -> tuple[Rest, ndarray, ndarray] | None:
         """The equilibrium on the way to a rest, its rate and second derivative (nv,).
 
-        None where there is none.
+        None if there is none.
         """
         solver, period, postures = self._statics.solver(rest.spatial), self._period, []
         guess = state.rest.place.posture
@@ -234,7 +237,7 @@ class InverseDynamics(Feedforward):
     def _moving(
         self, way: Rest, linear: Linear, rate: ndarray, change: ndarray, memory: Moving
     ) -> tuple[ndarray, ndarray, Moving, str | None]:
-        """Inputs, tensions at the drives, what to remember of them, and what is to be said."""
+        """Inputs, tensions at the drives, the next memory, and the status."""
         place, solver = way.place, self._statics.solver(way.spatial)
         force = solver.forces.of_motion(place.posture, rate, change)
         step, shift = self._balanced(place.action, linear, force)
@@ -263,15 +266,15 @@ class InverseDynamics(Feedforward):
     def _against_friction(
         self, rest: Rest, force: ndarray, action: ndarray, posture: ndarray, memory: Moving
     ) -> tuple[ndarray, ndarray, Moving]:
-        """Actions (m,) and posture (nq,) that make up for friction along tendons, and memory of it.
+        """Actions (m,) and posture (nq,) that compensate for friction along tendons; next memory.
 
-        Friction is that of the motion until now, as the model makes it (Newton's method).
+        The friction is that of the modelled motion so far (Newton's method).
 
         Args:
-            rest: With the tip in its place.
-            force: (nv,) [N m], that the motion takes.
-            action, posture: Those without friction.
-            memory: Of the last decision.
+            rest: The rest with the tip on its target.
+            force: (nv,) [N m], required by the motion.
+            action, posture: Values without friction.
+            memory: Memory of the last decision.
         """
         solver = self._statics.solver(rest.spatial)
         if memory.rubbed is None or self._rubbing is None:
@@ -300,10 +303,10 @@ class InverseDynamics(Feedforward):
         action: ndarray,
         posture: ndarray,
     ) -> tuple[ndarray, ndarray, bool]:
-        """Actions (m,) and posture (nq,) that hold the tip in its place under friction and a force.
+        """Actions (m,) and posture (nq,) that hold the tip still under friction and a force.
 
-        And whether they were, at least nearly.
-        By Newton's method from others; of what moves no tip they have as much as `plain` ones (m,).
+        And whether they do, at least nearly. Found by Newton's method from the given ones; their
+        components that do not move the tip are those of `plain` (m,).
         """
         rubbing = solver.under(self._rubbing)
         target = solver.directions @ solver.tip(rest.place.posture)
@@ -324,7 +327,7 @@ class InverseDynamics(Feedforward):
                 size = max(1.0, np.abs(more).max() / _LARGEST, left / _LARGE_TURN)
                 least, step, turn = left, more / size, turned / size
                 action, posture = action + step, solver.moved(posture, turn)
-            else:  # beyond where a zone breaks loose
+            else:  # past the point where a zone starts to slide
                 step, turn = step / 2, turn / 2
                 action, posture = action - step, solver.moved(posture, -turn)
         return action, posture, least < _LOST
@@ -332,7 +335,7 @@ class InverseDynamics(Feedforward):
     def _through_rests(
         self, rest: Rest, linear: Linear, velocity: ndarray, acceleration: ndarray
     ) -> tuple[ndarray, ndarray]:
-        """Rate and second derivative (nv,) of the posture along the equilibria of the reference."""
+        """Rate and second derivative (nv,) of the posture along the reference's equilibria."""
         speed, pull = norm(velocity), norm(acceleration)
         if speed == pull == 0:
             return np.zeros((2, len(linear.stiffness)))
@@ -346,7 +349,7 @@ class InverseDynamics(Feedforward):
         return (turns[0] - turns[1]) / (2 * h), (turns[0] + turns[1]) / h**2
 
     def _beside(self, rest: Rest, linear: Linear, way: ndarray) -> ndarray:
-        """Turns (nv,) from a rest to that of a tip a small way (k,) [m] beside it."""
+        """Joint displacements (nv,) to the rest whose tip is a small step (k,) [m] away."""
         place, solver = rest.place, self._statics.solver(rest.spatial)
         target = linear.tip + way
         action, posture = place.action, place.posture
@@ -360,14 +363,14 @@ class InverseDynamics(Feedforward):
         return solver.turns(place.posture, posture)
 
     def _balanced(self, action: ndarray, linear: Linear, force: ndarray) -> tuple[ndarray, ndarray]:
-        """Change (m,) of the actions, and shift (nv,), under more force without the tip moving."""
+        """Change (m,) of actions and shift (nv,) that balance a force without moving the tip."""
         bent = solve(linear.stiffness, force)
         step = least_step(linear.tip_by_actions, linear.tip_by_turns @ bent, action, 0.0)
         return step, linear.by_actions @ step - bent
 
 
 class InverseDynamicsPI(FeedforwardPI, InverseDynamics):
-    """The inverse dynamics with `Feedback` that learns how the robot differs from its model."""
+    """Inverse dynamics with `Feedback` that learns how the robot differs from its model."""
 
     requires = (*InverseDynamics.requires, "tip_position")
 
@@ -378,15 +381,15 @@ class InverseDynamicsPI(FeedforwardPI, InverseDynamics):
 def make_hybrid(
     robot: RobotParams, control_period: float, identified: str | Path | None = None
 ) -> InverseDynamics:
-    """Statics of a network of places and the dynamics of the chain.
+    """Statics by a network and dynamics by the chain.
 
     Args:
         robot: Nominal robot.
         control_period: [s] between calls.
-        identified: File of the network; found unless given, see `artifacts.find_artifact`.
+        identified: File of the network; by default searched for, see `artifacts.find_artifact`.
 
     Raises:
-        ValueError, FileNotFoundError: No network of this robot, or no such file.
+        ValueError, FileNotFoundError: No network for this robot, or no such file.
     """
     if not isinstance(identified, str | Path | None):
         raise ValueError(f"robot {robot.name!r} takes a network of its statics, not of a rig")
