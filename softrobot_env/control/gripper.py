@@ -13,7 +13,7 @@ from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.robots import Gripper, Sensor
 from softrobot_env.sensing.calibration import Calibration
 
-#: Order of the polynomial, and the curvature [1/m] and diameter [m] that make its variables 1.
+#: Order of the polynomial, and the curvature [1/m] and diameter [m] that scale its variables.
 _ORDER, _BEND, _SIZE = 3, 30.0, 0.05
 
 
@@ -31,7 +31,7 @@ def mean_bends(gripper: Gripper, curvature: ndarray) -> ndarray:
 
 
 def size_by_sensor(gripper: Gripper, curvature: ndarray) -> ndarray:
-    """Diameters (...) [m] of bars on which the second piece of each finger lies altogether.
+    """Diameters (...) [m] of bars, if the second piece of each finger lies fully on them.
 
     Its curvature is then 1 / (d / 2 + the distance of the fibre from the surface).
     """
@@ -43,12 +43,12 @@ def size_by_sensor(gripper: Gripper, curvature: ndarray) -> ndarray:
 class SizeEstimator:
     """A polynomial in the mean curvatures of the fingers' pieces.
 
-    Where a finger is straight, near its clamp, tells of the size as well as how it bends further
-    out, and both hardly depend on how stiff it is.
+    The straight part of a finger near its clamp depends on the diameter, as does its bending
+    further out, and both hardly depend on its stiffness.
 
     Attributes:
         gripper: The gripper.
-        tension: [N], with which the fingers have to close.
+        tension: [N], with which the fingers must close.
         weights: (terms,) [1].
     """
 
@@ -89,14 +89,14 @@ def _monomials(pieces: int) -> Monomials:
 #: [m], the bar on which fingers are calibrated (thesis 4.1.3), and [N], to which they close.
 DIAMETER, TENSION = 0.048, 38.0
 
-#: [N], from which on readings count: with less fingers sag outwards, and planar sensors tell the
-#: size of a bend alone.
+#: [N], above which readings are used: below it fingers sag outwards, and planar sensors measure
+#: only the magnitude of a bend.
 LIFTED = 2.0
 
 #: [s], of closing and opening.
 _CLOSING, _OPENING = 1.2, 0.8
 
-#: [m], how far ends of tags may lie from those of a sensor.
+#: [m], tolerance between the ends of tags and those of a sensor.
 _NEAR = 1e-9
 
 
@@ -104,8 +104,8 @@ _NEAR = 1e-9
 class FingerCalibration:
     """Calibrated planar sensors of grippers, one or n.
 
-    Light is taken over that of the straight fingers from which every episode starts: so the drift
-    of gains, and what warming up does to them, is left out.
+    Light is divided by that of the straight fingers at the start of every episode, which removes
+    the drift of the gains, including that of warming up.
 
     Attributes:
         gripper: The gripper.
@@ -119,7 +119,7 @@ class FingerCalibration:
     def fitted(cls, gripper: Gripper, readings: ndarray, order: int = 5) -> "FingerCalibration":
         """From readings (t, ..., size) of a grip; the first are of straight fingers.
 
-        The reference is what a camera sees of the tags, as in the thesis.
+        The reference is the tags' positions seen by a camera, as in the thesis.
 
         Raises:
             ValueError: A finger has no planar sensors, or no tags at their ends.
@@ -155,7 +155,7 @@ def _planar(sensors: tuple[Sensor, ...]) -> list[Sensor]:
 
 
 def columns(gripper: Gripper) -> tuple[ndarray, list[ndarray]]:
-    """Where in readings of all fingers the planar sensors stand, and the tags along each.
+    """Columns of the planar sensors in the readings of all fingers, and of the tags along each.
 
     Raises:
         ValueError: A finger has no planar sensors, or no tags at their ends.
@@ -191,7 +191,7 @@ def _along(finger: str, sensor: Sensor, seen: dict[int, tuple[float, float]]) ->
 
 
 def calibration_grip(period: float) -> ndarray:
-    """Tensions (steps,) [N] of a grip: closing beyond what encloses, and opening."""
+    """Tensions (steps,) [N] of a grip: closing beyond the enclosing tension, and opening."""
     closing, opening = (np.linspace(0, 1, 1 + round(t / period))[1:] for t in (_CLOSING, _OPENING))
     rise = (1 - np.cos(np.pi * closing)) / 2
     fall = (1 + np.cos(np.pi * opening)) / 2
@@ -203,7 +203,7 @@ def calibrated(env: Any, specimens: dict[str, Any], seed: int) -> FingerCalibrat
 
     Args:
         env: The environments; they observe `sensors`.
-        specimens: What the fingers are, options of a reset.
+        specimens: The fingers, as options of a reset.
         seed: Of noise.
     """
     observation, _ = env.reset(seed=seed, options=specimens | {"diameter": DIAMETER})
@@ -216,7 +216,7 @@ def calibrated(env: Any, specimens: dict[str, Any], seed: int) -> FingerCalibrat
     return FingerCalibration.fitted(env.gripper, np.stack(readings))
 
 
-#: [s], in which the tension rises, and after which the fingers have calmed down.
+#: [s], in which the tension rises, and after which the fingers are at rest.
 RISE, CALM = 0.5, 0.7
 
 #: Diameters [m] and the tensions [N] that hold bars of them.
@@ -244,7 +244,7 @@ class ScriptedGrip:
         episode_start: ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[ndarray, Any]:
-        """As of `interfaces.Policy`; the state is the steps (n,) of each episode so far."""
+        """See `interfaces.Policy`; the state is the number of steps (n,) of each episode so far."""
         count = next(iter(observation.values())).shape[:-1]
         steps = np.zeros(count, int) if state is None else state["steps"]
         if episode_start is not None:
@@ -259,17 +259,18 @@ class ScriptedGrip:
     def _tension(
         self, steps: ndarray, observation: Observation, known: dict[str, ndarray]
     ) -> tuple[ndarray, dict[str, ndarray]]:
-        """Tensions (...) [N] in steps (...) from 1 on, and what is to be remembered."""
+        """Tensions (...) [N] in steps (...) from 1 on, and what to remember."""
         return self.tension * np.minimum(steps * self.control_period / RISE, 1.0), {}
 
 
 @dataclass(kw_only=True)
 class SizedGrip(ScriptedGrip):
-    """Closes to the tension of an estimator, then to what holds a bar of the size it tells.
+    """Closes to the tension of an estimator, then to one that holds a bar of the estimated size.
 
     Attributes:
         size: The estimator.
-        sensors: How the curvatures follow from `sensors`; they are observed unless given.
+        sensors: Calibration from `sensors` to curvatures, which are observed directly unless it is
+            given.
     """
 
     size: SizeEstimator
@@ -278,7 +279,7 @@ class SizedGrip(ScriptedGrip):
     def _tension(
         self, steps: ndarray, observation: Observation, known: dict[str, ndarray]
     ) -> tuple[ndarray, dict[str, ndarray]]:
-        """First as the estimator wants it; from `CALM` on by the size, given once."""
+        """The estimator's tension; from `CALM` on that of the size, which is estimated once."""
         curvature, kept = self._bends(steps, observation, known)
         time = steps * self.control_period
         first = self.size.tension * np.minimum(time / RISE, 1.0)
@@ -294,7 +295,7 @@ class SizedGrip(ScriptedGrip):
     def _bends(
         self, steps: ndarray, observation: Observation, known: dict[str, ndarray]
     ) -> tuple[ndarray, dict[str, ndarray]]:
-        """Curvatures (..., pieces) [1/m], and readings of straight fingers to be remembered."""
+        """Curvatures (..., pieces) [1/m], and the readings of straight fingers to remember."""
         if self.sensors is None:
             return observation["curvature"], {}
         now = observation["sensors"]

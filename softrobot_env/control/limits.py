@@ -1,4 +1,4 @@
-"""What kernels of control laws share: finite observations, and the action kept."""
+"""Shared by kernels of control laws: the check for finite observations, and the action to keep."""
 
 import numpy as np
 from numpy import ndarray
@@ -9,7 +9,7 @@ from softrobot_env.compile.kernels import kernel
 @kernel
 def finite(values: ndarray) -> bool:
     """Whether all values (k,) are finite."""
-    for value in values:  # noqa: SIM110  (a loop is what compiles well)
+    for value in values:  # noqa: SIM110  (a loop compiles well)
         if not np.isfinite(value):
             return False
     return True
@@ -17,7 +17,7 @@ def finite(values: ndarray) -> bool:
 
 @kernel
 def kept(previous: ndarray) -> ndarray:
-    """Action (n_inputs,) for want of a better one: the previous, zero where that is no number."""
+    """The fallback action (n_inputs,): the previous one, with zeros where that is not finite."""
     action = np.zeros(len(previous))
     for j in range(len(previous)):
         if np.isfinite(previous[j]):

@@ -1,4 +1,4 @@
-"""Parts of linear-quadratic laws: exact discretisation, integrals, lines between knots, programs.
+"""Parts of linear-quadratic laws: discretisation, integral gains, interpolation, quadratic programs.
 
 Quadratic programs are solved by the dual active-set solver DAQP (Arnstroem et al. 2022).
 """
@@ -29,7 +29,7 @@ def integral_gains(
 ) -> ndarray:
     """Gains [K, K_i] (m, n + k) of an LQI regulator: the integrals e. = C x are states.
 
-    The least int (error_weight |e|^2 + input_weight |u|^2) dt.
+    They minimise int (error_weight |e|^2 + input_weight |u|^2) dt.
 
     Args:
         system: A (n, n) and B (n, m) of x. = A x + B u.
@@ -47,14 +47,14 @@ def integral_gains(
 
 
 def lines(times: ndarray, knots: ndarray) -> ndarray:
-    """Weights (t, k) of values at knots (k,), with straight lines in between, at times (t,)."""
+    """Weights (t, k) of linear interpolation between knots (k,), at times (t,)."""
     return np.stack([np.interp(times, knots, one) for one in np.eye(len(knots))], axis=1)
 
 
 def hats(steps: int, knots: tuple[float, ...], period: float) -> ndarray:
     """Weights (steps + 1, knots) with which the reference at every step follows from the knots.
 
-    The present reference, from which the others deviate, has none.
+    The present reference, relative to which the others are given, has no weight.
     """
     return lines(period * np.arange(steps + 1), np.concatenate(([0.0], knots)))[:, 1:]
 

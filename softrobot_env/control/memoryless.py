@@ -1,4 +1,4 @@
-"""Policies whose action follows from what they observe now, of one or many environments."""
+"""Policies whose action depends on the present observation only, for one or many environments."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -12,21 +12,21 @@ from softrobot_env.learned.plain_inference import numba_is_loaded
 
 from .base import NOT_COMPUTED, NOT_FINITE, Controller, Held, Said
 
-#: Writes actions and codes for observations, all of them arrays in one row: (k * size,), float32
-#: (k * n_inputs,) and (k,).
+#: Writes actions and codes for observations; all arrays are flat: (k * size,), float32 (k *
+#: n_inputs,) and (k,).
 Decide = Callable[[ndarray, ndarray, ndarray], None]
 
 
 class Memoryless(Controller):
-    """A policy that is a function of its observables, which one call computes for any number.
+    """A policy that is a function of its observables; one call computes any number of decisions.
 
-    It is compiled where Numba is loaded already when the policy is made, or unpickled, as it is
-    once a simulation was made; else it is plain NumPy's, which gives the same to rounding, takes
-    some 40 µs longer and spares the import of Numba. Subclasses write both, set `requires`,
-    `sizes` and `n_inputs`, and then call `prepare`.
+    The function is compiled if Numba is already loaded when the policy is made or unpickled, as it
+    is after a simulation was made; otherwise it runs in plain NumPy, which gives the same result up
+    to rounding, takes some 40 µs longer and avoids the import of Numba. Subclasses implement both,
+    set `requires`, `sizes` and `n_inputs`, and then call `prepare`.
 
     Attributes:
-        says: State for each code below `NOT_FINITE` that the functions give.
+        says: State for each code below `NOT_FINITE` that the functions return.
         n_inputs: Size of an action.
     """
 
@@ -39,10 +39,10 @@ class Memoryless(Controller):
 
     @abstractmethod
     def compiled(self) -> Decide:
-        """The same as machine code, which finds out itself what is not finite."""
+        """The same as machine code, which checks itself for values that are not finite."""
 
     def prepare(self) -> None:
-        """Take a function, and call it once: no decision shall wait for a compiler."""
+        """Choose a function and call it once, so that no decision waits for compilation."""
         self._function = self.compiled() if numba_is_loaded() else self._by_numpy
         self._width = sum(self.sizes[name] for name in self.requires)
         self._answers(np.zeros(self._width), 1)
@@ -59,7 +59,7 @@ class Memoryless(Controller):
         return self.says[0]
 
     def act(self, observation: Observation, state: Said) -> tuple[ndarray, Said]:
-        """What the function gives; the action in force where that is no number."""
+        """The result of the function; the current action where that is not finite."""
         seen = np.concatenate([observation[name] for name in self.requires], dtype=float)
         actions, codes = self._answers(seen, 1)
         code = codes.item()
@@ -72,7 +72,7 @@ class Memoryless(Controller):
     def _decide_stacked(
         self, observation: Observation, states: list[Any]
     ) -> tuple[ndarray, list[Any]]:
-        """As of any controller; the decisions that are due, in one call."""
+        """See `Controller`; the decisions that are due are made in one call."""
         if self.hold == 1:
             return self._choose_stacked(observation)
         due = [state is None or not state.left for state in states]
@@ -96,7 +96,7 @@ class Memoryless(Controller):
         return actions, states
 
     def _kept(self, observation: Observation, action: ndarray) -> tuple[ndarray, Said]:
-        """The action in force, and why."""
+        """The current action, and why it is kept."""
         kept, why = self._failed(observation, action, None)
         return kept.astype(np.float32), Said(why.status)
 
@@ -110,7 +110,7 @@ class Memoryless(Controller):
         return actions, codes
 
     def _by_numpy(self, observed: ndarray, actions: ndarray, codes: ndarray) -> None:
-        """`plain` as `Decide`."""
+        """`plain` with the signature of `Decide`."""
         rows = observed.reshape(len(codes), self._width)
         sound = np.isfinite(rows).all(axis=1)
         shown, at = {}, 0

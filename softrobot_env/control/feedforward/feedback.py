@@ -1,4 +1,4 @@
-"""Feedback of a measured tip to any feedforward law that knows the statics of its robot."""
+"""Feedback of the measured tip for any feedforward law that knows the statics of its robot."""
 
 from typing import Any, NamedTuple
 
@@ -15,17 +15,17 @@ from .nearby import Nearby, Neighbourhood
 from .statics import Rest, Statics
 
 #: Shares of the limits of K_P and K_I; the largest K_P, and the largest K_P e as a share of the
-#: reach: what holds near a rest says little of what is far away. Ways over it that no robot moves
-#: by: about an unstable rest modes grow without end.
+#: reach, since the linearisation holds near a rest only. Tip displacements over the reach that no
+#: robot makes: about an unstable rest, modes grow without bound.
 _PROPORTIONAL, _INTEGRAL, _LARGEST, _FAR, _LOST = 0.4, 0.45, 2.0, 0.1, 1e3
 
 
 class Sent(NamedTuple):
-    """What a decision was about, kept until the tip is seen.
+    """Data of a decision, kept until its tip is measured.
 
     Attributes:
         reference: (k,) [m].
-        moved: (1 + n, k) [m], how far corrections, and the ways of n differences, have moved the
+        moved: (1 + n, k) [m], how far the corrections, and each of n differences, have moved the
             tip by then.
     """
 
@@ -34,15 +34,15 @@ class Sent(NamedTuple):
 
 
 class FeedbackState(NamedTuple):
-    """What feedback remembers.
+    """Memory of the feedback.
 
     Attributes:
         integral: (k,) [m s], of the tip's error.
-        differs: How the robot differs from its model; None where that is not learned.
-        mode: (2 r, 1 + n), r modes and their rates, by corrections and by n differences.
-        moved: (1 + n, k) [m], the tip by the same.
-        near: What was near the rest at the last decision; None before.
-        sent: The last decisions whose tip was not seen yet, oldest first.
+        differs: How the robot differs from its model; None if that is not learned.
+        mode: (2 r, 1 + n), r modes and their rates, due to corrections and to n differences.
+        moved: (1 + n, k) [m], displacements of the tip due to the same.
+        near: Linearisation about the rest of the last decision; None before.
+        sent: The last decisions whose tip has not been measured yet, oldest first.
     """
 
     integral: ndarray
@@ -53,30 +53,30 @@ class FeedbackState(NamedTuple):
     sent: tuple[Sent, ...]
 
     def unlearned(self, before: "FeedbackState") -> "FeedbackState":
-        """The same without what was learned since `before`."""
+        """The same memory without what was learned since `before`."""
         return self._replace(integral=before.integral, differs=before.differs)
 
 
 class Feedback:
-    """Inputs that are added: J+ (K_P e + K_I int e dt), or what a robot that differs needs.
+    """Added inputs: J+ (K_P e + K_I int e dt), or those that learned model errors require.
 
-    The error e = z_ref(t - d) - z is that of the time t - d when the tip was seen. J is the static
-    tip Jacobian; J+ is damped, because J loses rank in the straight pose. Nothing is integrated
-    while an input is at its limit (no wind-up).
+    The error e = z_ref(t - d) - z belongs to the time t - d at which the tip was measured. J is the
+    static tip Jacobian; J+ is damped, because J loses rank in the straight pose. Nothing is
+    integrated while an input is at its limit (no wind-up).
 
     Quasi-statically the plant from J+ e to e has unit gain, and its first mode (frequency w,
-    damping rate mu w^2) limits both gains: an action held for a period T for a tip seen d ago, by
-    drives that are d' late, acts T / 2 + d + d' late on average, which takes K_P w^2 times that
-    from the damping rate, so K_P < mu / (T / 2 + d + d'); pure integral action needs
-    K_I < mu w^2. The default gains are fractions of these limits, and K_P at most 2. They track
-    better than feedforward alone but damp nothing, so that a step swings longer.
+    damping rate mu w^2) limits both gains: an action held for a period T, for a tip measured d ago,
+    by drives that are d' late, acts T / 2 + d + d' late on average, which takes K_P w^2 times that
+    from the damping rate, so K_P < mu / (T / 2 + d + d'); pure integral action needs K_I < mu w^2.
+    The default gains are fractions of these limits, and K_P at most 2. They track better than
+    feedforward alone but add no damping, so that a step oscillates longer.
 
-    An integral makes up for what is wrong at the last point alone. In its place a Kalman filter
-    learns what is wrong all over the workspace: offsets of the inputs, a stiffness, a damping, a
-    turn of the tendons, a weight at the tip (`Differences`). With G the motion of the tip
-    (`Nearby`) with the delay, u the way that all corrections should move the tip by, and Phi the
-    ways by each difference, e + G(u) is what the error would be without them, -G(Phi) times the
-    differences. G foretells when a correction will be seen.
+    An integral compensates for model errors only at the last point. Instead, a Kalman filter can
+    learn them for the whole workspace: offsets of the inputs, stiffness, damping, a rotation of the
+    tendons, a weight at the tip (`Differences`). Let G be the motion of the tip (`Nearby`)
+    including the delay, u the displacement that all corrections should cause, and Phi the
+    displacements by each difference: without corrections the error would be e + G(u), which equals
+    -G(Phi) times the differences. G predicts when a correction becomes visible.
     """
 
     def __init__(
@@ -92,13 +92,13 @@ class Feedback:
         """Set the gains.
 
         Args:
-            statics: Of the robot as its model says.
+            statics: Of the nominal robot.
             control_period: [s] between calls.
             proportional: K_P [1]; by default 0.4 of its limit, at most 2.
             integral: K_I [1/s]; by default 0.45 of its limit, 0 where differences are learned.
             tip_delay: d [s], rounded to whole control periods, as environments do.
-            learning: Of the statics, of a chain, to learn how a robot differs from it.
-            drive_delay: d' [s], how late drives follow.
+            learning: Linearisation of a chain's statics, to learn how a robot differs from it.
+            drive_delay: d' [s], lag of the drives.
         """
         check_argument("control_period", control_period, Positive)
         check_argument("proportional", proportional, NotNegative | None)
@@ -122,7 +122,7 @@ class Feedback:
             )
 
     def start(self, reference: ndarray) -> FeedbackState:
-        """Begin with a reference (k,) [m] that was there before."""
+        """Begin with a reference (k,) [m] that has been constant until now."""
         k = len(reference)
         differs = None if self._filter is None else self._filter.begin()
         n = 1 + (0 if differs is None else len(differs.mean))
@@ -134,14 +134,14 @@ class Feedback:
     def added(
         self, rest: Rest, motion: Motion, reference: ndarray, tip: ndarray, before: FeedbackState
     ) -> tuple[ndarray, FeedbackState, bool]:
-        """Inputs (n_inputs,) to add where the statics are at rest, and whether one is limited.
+        """Inputs (n_inputs,) to add to those of the statics, and whether one is at its limit.
 
         Args:
-            rest: Of the model.
-            motion: Of the reference, (k,) each, when the inputs act.
-            reference, tip: (k,) [m], at the present and as seen; a tip that is not finite counts as
-                where it should be, and nothing is learned from it.
-            before: What the last call returned.
+            rest: Rest of the model.
+            motion: Motion of the reference, (k,) each, when the inputs act.
+            reference, tip: (k,) [m], the present one and the measured one; a tip that is not finite
+                counts as being on the reference, and nothing is learned from it.
+            before: Result of the last call.
         """
         sent = (*before.sent, Sent(reference.copy(), before.moved))
         seen = sent[self._acts]
@@ -163,7 +163,7 @@ class Feedback:
     def _made_up(
         self, rest: Rest, motion: Motion, change: ndarray, memory: FeedbackState
     ) -> tuple[ndarray, FeedbackState, bool]:
-        """Inputs (n_inputs,) of a robot that differs, the next memory, and if one is limited."""
+        """Inputs (n_inputs,) against model errors, next memory, and whether one is limited."""
         differs, inputs = memory.differs, self._statics.inputs
         near = self._near.about(rest, motion, differs, memory.near)
         if near is None:
@@ -184,14 +184,14 @@ _TIP, _NOT_FINITE = "tip_position", REASONS[NOT_FINITE]
 
 
 class ReferenceState(NamedTuple):
-    """What the next call needs.
+    """State between two calls.
 
     Attributes:
         inner: State of the policy whose reference is shifted.
         integral: (k,) [m s], of the tip's error.
-        sent: (n, k) [m], references whose tip was not seen yet, oldest first.
-        status: Of that policy, or that the tip is not seen.
-        begun: Whether the tip was seen before.
+        sent: (n, k) [m], references whose tip has not been measured yet, oldest first.
+        status: Status of that policy, or that the tip is not visible.
+        begun: Whether the tip has been visible before.
     """
 
     inner: Any
@@ -202,10 +202,11 @@ class ReferenceState(NamedTuple):
 
 
 class ReferenceFeedback(Controller):
-    """Another policy, asked for z_ref + u_C, u_C = K_P e + K_I int e dt, (6.1) to (6.3).
+    """Give another policy the reference z_ref + u_C, u_C = K_P e + K_I int e dt, (6.1) to (6.3).
 
-    The error e is that of the time when the tip was seen, z_ref(t - d) - z. A tip that is not
-    finite counts as where it should be; before one was seen, the action in force is kept.
+    The error e = z_ref(t - d) - z belongs to the time at which the tip was measured. A tip that is
+    not finite counts as being on the reference; until the first one that is, the current action is
+    kept.
     """
 
     def __init__(
@@ -216,7 +217,7 @@ class ReferenceFeedback(Controller):
         integral: float,
         tip_delay: float = 0.0,
     ) -> None:
-        """Put feedback around a policy.
+        """Add feedback to a policy.
 
         Args:
             policy: Any controller that reads a reference.
@@ -226,8 +227,8 @@ class ReferenceFeedback(Controller):
             tip_delay: d [s], rounded to whole control periods.
 
         Raises:
-            ValueError: A gain or the delay is negative, the period not positive, or the policy does
-                not say how many coordinates of a reference it reads.
+            ValueError: A gain or the delay is negative, the period is not positive, or the policy
+                does not declare how many coordinates of a reference it reads.
         """
         check_argument("control_period", control_period, Positive)
         check_argument("proportional", proportional, NotNegative)
@@ -243,7 +244,7 @@ class ReferenceFeedback(Controller):
         self.sizes = {_TIP: policy.sizes["reference"], **policy.sizes}
 
     def start(self, observation: Observation) -> ReferenceState:
-        """Begin with no error behind."""
+        """Begin without accumulated error."""
         reference = usable(np.array(observation["reference"], float))
         sent = np.tile(reference, (self._late, 1))
         return ReferenceState(self._policy.start(observation), np.zeros_like(reference), sent)

@@ -21,14 +21,14 @@ from .statics import Rest, statics_of
 
 @dataclass(frozen=True)
 class FeedforwardState:
-    """What the next call needs.
+    """State between two calls.
 
     Attributes:
         target: (k,) [m], point that `rest` belongs to.
-        rest: Where the tip rests on it, or comes nearest.
-        memory: Of what is added to the statics.
-        feedback: Its memory; None without.
-        status: Why the action is not the one wanted, or None.
+        rest: The equilibrium with the tip on it, or nearest to it.
+        memory: Memory of what is added to the statics.
+        feedback: Memory of the feedback; None without.
+        status: Why the action is not the intended one, or None.
     """
 
     target: ndarray
@@ -39,17 +39,17 @@ class FeedforwardState:
 
 
 class Feedforward(Controller):
-    """The inputs of least norm in whose equilibrium the tip is at the present reference.
+    """The inputs of least norm whose equilibrium puts the tip on the present reference.
 
-    The quasi-static law of any robot: it follows the inverse statics along the reference from one
-    decision to the next. Out of reach, the inputs that come nearest are held and the state's
-    `status` says so.
+    A quasi-static law for any robot: it continues the inverse statics along the reference from one
+    decision to the next. Out of reach, the nearest inputs are held and the state's `status` says
+    so.
     """
 
     requires = ("reference", "previous_action")
     _feedback: Feedback | None = None
 
-    #: The memory of a motion that begins.
+    #: Memory at the beginning of a motion.
     _begun: Any = None
 
     def __init__(
@@ -59,16 +59,16 @@ class Feedforward(Controller):
         closed: bool = True,
         weights: str | Path | None = None,
     ) -> None:
-        """Find the statics.
+        """Set up the statics.
 
         Args:
-            robot: With tendons.
+            robot: A robot with tendons.
             control_period: Any, [s].
-            closed: Whether by the closed form, where the robot has one, or by its MuJoCo chain.
-            weights: File of a network that knows them, see `training.quasi_static`.
+            closed: Whether to use the closed form, where the robot has one, or its MuJoCo chain.
+            weights: File of a network for the statics, see `training.quasi_static`.
 
         Raises:
-            ValueError: The robot has no tendons, or the network is of another robot.
+            ValueError: The robot has no tendons, or the network belongs to another robot.
             FileNotFoundError: No such file.
         """
         self._statics = statics_of(robot, closed, weights)
@@ -78,15 +78,15 @@ class Feedforward(Controller):
             self.sizes |= dict.fromkeys(self._points(), self._statics.dimension)
 
     def _points(self) -> list[str]:
-        """Observables with as many entries as the reference."""
+        """Observables of the same size as the reference."""
         return [n for n in self.requires if n.startswith(("reference", "tip_position"))]
 
     def start(self, observation: Observation) -> FeedforwardState:
-        """Begin from the inputs in force.
+        """Begin from the current inputs.
 
         Raises:
-            ValueError: The reference has not two or three coordinates, or others have another
-                number.
+            ValueError: The reference does not have two or three coordinates, or another observable
+                has a different number.
         """
         sizes = {len(observation[name]) for name in self._points()}
         if len(sizes) > 1 or not sizes <= {2, 3}:
@@ -102,12 +102,12 @@ class Feedforward(Controller):
     def act(
         self, observation: Observation, state: FeedforwardState
     ) -> tuple[ndarray, FeedforwardState]:
-        """Statics of the target, and what is added to them."""
+        """Inputs of the statics for the target, plus those added to them."""
         if not all(np.isfinite(observation[name]).all() for name in self.requires):
             return in_force(observation), replace(state, status=REASONS[NOT_FINITE])
         motion, rest = self._motion(observation, state), state.rest
         target = motion.position
-        if not np.array_equal(target, state.target):  # it rests most of the time
+        if not np.array_equal(target, state.target):  # a target often stands still
             rest = self._statics.hold(target, rest, bool(np.isnan(state.target).any()))
         inputs, memory, reason = self._added(observation, motion, rest, state)
         feedback, limited = state.feedback, False
@@ -115,7 +115,7 @@ class Feedforward(Controller):
             seen = observation["reference"], observation["tip_position"]
             more, feedback, limited = self._feedback.added(rest, motion, *seen, feedback)
             inputs = inputs + more
-            if reason is not None:  # what is missed for that reason is not for feedback to make up
+            if reason is not None:  # feedback must not compensate for this
                 feedback = feedback.unlearned(state.feedback)
         wanted = self._inputs.to_actions(inputs)
         action = np.clip(wanted, -1.0, 1.0)
@@ -125,14 +125,14 @@ class Feedforward(Controller):
         return action, FeedforwardState(target, rest, memory, feedback, status)
 
     def _motion(self, observation: Observation, state: FeedforwardState) -> Motion:
-        """Where the tip should be, (k,) [m], taken as at rest."""
+        """The target of the tip, (k,) [m], taken as at rest."""
         here = observation["reference"].copy()
         return Motion(here, np.zeros_like(here), np.zeros_like(here))
 
     def _added(
         self, observation: Observation, motion: Motion, rest: Rest, state: FeedforwardState
     ) -> tuple[ndarray, Any, str | None]:
-        """Inputs (n_inputs,), the next memory, and why they are not those wanted, or None."""
+        """Inputs (n_inputs,), the next memory, and why they are not the intended ones, or None."""
         return rest.inputs, state.memory, None
 
 
@@ -156,8 +156,8 @@ class FeedforwardPI(Feedforward):
             robot: Nominal robot.
             control_period: [s] between calls.
             proportional, integral: See `Feedback`.
-            weights: As of `Feedforward`.
-            tip_delay: [s], how late the tip is seen.
+            weights: See `Feedforward`.
+            tip_delay: [s], delay of the measured tip.
         """
         check_argument("control_period", control_period, Positive)
         super().__init__(robot, control_period, weights=weights)
@@ -172,16 +172,16 @@ class FeedforwardPI(Feedforward):
         )
 
     def _learning(self, period: float) -> Neighbourhood | None:
-        """What is near the rests of the robot, whose differences are learned, if they are."""
+        """The linearisation by which the robot's differences are learned; None if they are not."""
 
 
 def make_network(
     robot: RobotParams, control_period: float, weights: str | Path | None = None
 ) -> Feedforward:
-    """Statics of a network of places; found unless given, see `artifacts.find_artifact`.
+    """Statics by a network; its file is searched for unless given, see `artifacts.find_artifact`.
 
     Raises:
-        ValueError, FileNotFoundError: No network of this robot, or no such file.
+        ValueError, FileNotFoundError: No network for this robot, or no such file.
     """
     path = find_artifact(robot, "qs_nn") if weights is None else Path(weights)
     return Feedforward(robot, control_period, weights=path)

@@ -1,4 +1,4 @@
-"""References as laws without feedback follow them: ahead of time, by drives that take a while."""
+"""References for laws without feedback, ahead by the lag of the drives."""
 
 from typing import NamedTuple
 
@@ -29,21 +29,21 @@ class Motion(NamedTuple):
         return self.after(time, 0.0 if before is None else (self.acceleration - before) / period)
 
 
-#: [m/s], below which it is not clear to which side a tendon lags.
+#: [m/s], speed below which the side to which a tendon lags is unclear.
 TURNING = 2e-3
 
 
 def ahead_of(rate: ndarray, period: float, speed: float, lag: ndarray | float = 0.0) -> ndarray:
-    """What to add to commands [m] so that tendons are on average where they should be in a period.
+    """Correction of commands [m] that puts tendons where they should be on average over a period.
 
-    A servo takes a while, |rate| T / speed, for its way in a period; and a tendon lags behind its
+    A servo needs a time |rate| T / speed for its motion in a period; and a tendon lags behind its
     command by half of the servo's backlash, and by its friction over its stiffness.
 
     Args:
-        rate: (m,) [m/s], of the lengths wanted.
+        rate: (m,) [m/s], rate of the wanted lengths.
         period: T [s].
-        speed: [m/s], of the servos; inf if they are as fast as need be.
-        lag: (m,) [m], of the tendons.
+        speed: [m/s], speed of the servos; inf if it does not limit them.
+        lag: (m,) [m], lag of the tendons.
     """
     late = np.minimum(np.abs(rate), speed) * period / (2 * speed) * rate
     return late + lag * np.tanh(rate / TURNING)

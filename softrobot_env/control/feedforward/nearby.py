@@ -1,13 +1,13 @@
-"""The tip of a robot that differs from its model, to first order about where the model is at rest.
+"""The tip of a robot that differs from its model, to first order about the model's equilibrium.
 
 Forces f on the joints move a tip at rest by J K^-1 f, with the stiffness K and the tip's Jacobian J
-of a robot that is stiffer by a share and carries a weight at its tip. How it gets there along a
-path q_0(t) follows from the first modes P of the chain, q = q_0 + P y + what moves with f at once:
+of the robot with its estimated stiffness and tip weight. The motion there, along a path q_0(t),
+follows from the first modes P of the chain, q = q_0 + P y + an instantaneous part in f:
 
     P' (M P y'' + (D + h_v) P y' + (K + h_q) P y - f) = 0,
 
-where h(q, q', q'') are the forces of inertia, with the derivatives h_q and h_v along the path: what
-moves fast swings otherwise than what is at rest.
+where h(q, q', q'') are the forces of inertia, with the derivatives h_q and h_v along the path: a
+fast robot oscillates differently from one at rest.
 """
 
 from dataclasses import replace
@@ -28,38 +28,40 @@ from softrobot_env.scene.tangent import StaticForces
 from .motion import Differences, Motion
 from .statics import ChainStatics, Rest
 
-#: [rad], by which tendons are turned to see what that changes.
+#: [rad], rotation of the tendons for a difference quotient.
 _TURN = 0.01
 
-#: Most modes of the tip; [rad], step of derivatives along one.
+#: Largest number of modes; [rad], step of derivatives along one.
 _MODES, _STEP = 4, 1e-4
 
 
 class Path(NamedTuple):
-    """How a tip that follows its reference moves: rate (nv,) [rad/s], speed (3,) [m/s]."""
+    """Motion along the reference: joint rates (nv,) [rad/s], velocity (3,) [m/s] of the tip."""
 
     rate: ndarray
     speed: ndarray
 
     def since(self, before: "Path", period: float) -> "Path":
-        """Mean change of both per time, in a period [s]: jumps of the reference are in it."""
+        """Mean rate of change of both over a period [s], including jumps of the reference."""
         return Path((self.rate - before.rate) / period, (self.speed - before.speed) / period)
 
 
 class Nearby(NamedTuple):
-    """About a rest, in k coordinates of the tip.
+    """Linearisation about a rest, in k coordinates of the tip.
 
     Attributes:
-        rest: Of the robot that differs.
+        rest: Equilibrium of the robot that differs.
         linear: Its statics.
-        forces: (nv, n) [N m], by each of `Differences`.
-        by_inputs: (nv, n_inputs) [N m], by the inputs' full scale.
-        ways: (n, k) [m], of the tip by them.
-        moving: (k,) [m], its way by all that differs but what `rest` accounts for and the offsets.
-        held: (nv,) [N m], what `rest` accounts for, over the rest of the model.
-        path: Of the tip.
-        free, forced: (2 r, 2 r) and (2 r, nv), y and y' a period later by those before, and by f.
-        tip, at_once: (k, r) and (k, nv), the tip [m] by y, and by forces at once.
+        forces: (nv, n) [N m], due to each of `Differences`.
+        by_inputs: (nv, n_inputs) [N m], due to inputs at full scale.
+        ways: (n, k) [m], displacements of the tip due to the differences.
+        moving: (k,) [m], its displacement due to all differences except those in `rest` and the
+            offsets.
+        held: (nv,) [N m], forces included in `rest`, beyond the model's rest.
+        path: Motion of the tip.
+        free, forced: (2 r, 2 r) and (2 r, nv), y and y' a period later from those before, and from
+            f.
+        tip, at_once: (k, r) and (k, nv), the tip [m] from y, and instantaneously from forces.
     """
 
     rest: Rest
@@ -82,7 +84,7 @@ class Nearby(NamedTuple):
 
 
 class Neighbourhood:
-    """What is near the rests of a robot's chain.
+    """Linearisations about the equilibria of a robot's chain.
 
     Attributes:
         statics: Of the chain.
@@ -91,7 +93,7 @@ class Neighbourhood:
     """
 
     def __init__(self, statics: ChainStatics, period: float) -> None:
-        """Look at a chain every `period` [s]."""
+        """Linearise a chain every `period` [s]."""
         self.statics, self._period = statics, period
         self.reach = statics.scene.config.robot.reach
         self.mass = statics.scene.model.body_mass.sum()
@@ -103,7 +105,7 @@ class Neighbourhood:
 
     @cached_property
     def _turned(self) -> StaticForces:
-        """Of a robot in space with its tendons turned about the axis."""
+        """The statics of a spatial robot with its tendons turned about the axis."""
         config = self.statics.scene.config
         tendons = tuple(tendon.turned(_TURN) for tendon in config.robot.tendons)
         other = replace(config, robot=replace(config.robot, tendons=tendons))
@@ -111,9 +113,9 @@ class Neighbourhood:
 
     @cached_property
     def _uneven(self) -> list[ndarray]:
-        """(nv, nv) each, by even springs' forces those of springs stiffer in one direction.
+        """Matrices (nv, nv) from forces of even springs to those of springs stiffer one way.
 
-        Stiffer by half of a share towards x, or halfway between x and y, and softer across.
+        They are stiffer by half of a share along x, or halfway between x and y, and softer across.
         """
         model = self.statics.scene.model
         axes = model.jnt_axis[model.dof_jntid].copy()
@@ -125,19 +127,19 @@ class Neighbourhood:
 
     @property
     def n_built(self) -> int:
-        """Number of ways in which the robot may be built otherwise."""
+        """Number of ways in which the robot's build may differ."""
         return 3 if self.statics.scene.config.bending == "spatial" else 0
 
     def about(
         self, rest: Rest, motion: Motion, differs: Differences, before: "Nearby | None"
     ) -> Nearby | None:
-        """What is near a rest; None where the stiffness there is singular.
+        """The linearisation about a rest; None if the stiffness there is singular.
 
         Args:
             rest: Of the chain.
-            motion: Of the tip, (k,) each, through there.
-            differs: How the robot does.
-            before: What was near a period ago; None at the start.
+            motion: Of the tip through this point, (k,) each.
+            differs: How the robot differs.
+            before: The linearisation a period ago; None at the start.
         """
         if rest.place is None:
             return None
@@ -172,7 +174,7 @@ class Neighbourhood:
         change: Path,
         differs: Differences,
     ) -> tuple[ndarray, ndarray]:
-        """Forces (nv, n) [N m] by each difference, and those (nv,) that a rest accounts for."""
+        """Forces (nv, n) [N m] due to each difference, and those (nv,) included in a rest."""
         springs, braked = self.statics.world.forces.springs, self._damping @ path.rate
         pulled, inert = (self._weight, self.mass * change.speed) @ linear.tip_by_turns
         always = springs - braked, -(1 + differs.stiffer) * braked, pulled - inert
@@ -188,7 +190,7 @@ class Neighbourhood:
         change: Path,
         differs: Differences,
     ) -> tuple[ndarray, ndarray, ndarray, ndarray]:
-        """How the modes go on in a period, and the tip by them and by forces: see `Nearby`."""
+        """Transition of the modes over a period, and the tip from modes and forces, see `Nearby`."""
         by_turns, p = linear.tip_by_turns, self.modes
         carried = differs.weight * self.mass * by_turns.T @ by_turns
         mass, stiffness = self.statics.world.forces.mass() + carried, p.T @ linear.stiffness @ p
@@ -202,7 +204,7 @@ class Neighbourhood:
     def _own_rest(
         self, rest: Rest, target: ndarray, before: Nearby | None, stiffer: float, weight: ndarray
     ) -> Rest | None:
-        """Where a robot that differs holds a target (k,) [m]; None if that is too far away."""
+        """The rest of a robot that differs, on a target (k,) [m]; None if that is too far away."""
         near = rest.place if before is None else before.rest.place
         solver = self.statics.solver(rest.spatial)
         point = self.statics.point(target, rest.spatial)
@@ -215,7 +217,7 @@ class Neighbourhood:
     def _inertial(
         self, posture: ndarray, rate: ndarray, turning: ndarray, differs: Differences
     ) -> tuple[ndarray, ndarray]:
-        """P' (D + h_v) P and P' h_q P (r, r), along a path of rate and change (nv,) of turns."""
+        """P' (D + h_v) P and P' h_q P (r, r), for joint rates and accelerations (nv,) of a path."""
         world, modes = self.statics.world, self.modes
         share = (1 + differs.stiffer) * (1 + differs.damped)
         damping = share * modes.T @ self._damping @ modes
@@ -231,22 +233,22 @@ class Neighbourhood:
         none = np.zeros_like(rate)
         here = force(none, none)
         by_rate = [force(none, way) - here for way in modes.T]
-        # What is of second order in the rate is left out.
+        # Terms of second order in the rate are neglected.
         by_turn = [(force(_STEP * way, none) - here) / _STEP for way in modes.T]
         back = [here - force(none, -way) for way in modes.T]
         by_rate = (np.array(by_rate) + np.array(back)) / 2
         return damping + by_rate.T, np.array(by_turn).T
 
     def _rate(self, linear: Linear, axes: list[int], velocity: ndarray) -> ndarray:
-        """Rate (nv,) [rad/s] of the turns by that of the tip (k,) [m/s] along the rests."""
+        """Joint rates (nv,) [rad/s] along the equilibria for a velocity (k,) [m/s] of the tip."""
         tip = linear.tip_by_actions[axes]
         square = tip @ tip.T + self.statics.damping**2 * np.eye(len(axes))
         return linear.by_actions @ (tip.T @ solve(square, velocity))
 
     def _otherwise(self, rest: Rest, springs: ndarray) -> list[ndarray]:
-        """Forces (nv,) [N m] by how the robot may be built, in space.
+        """Forces (nv,) [N m] due to differences in the build of a spatial robot.
 
-        With tendons turned about the axis, per rad, and with springs that differ.
+        Due to tendons turned about the axis, per rad, and due to uneven springs.
         """
         if not self.n_built:
             return []
@@ -258,7 +260,7 @@ class Neighbourhood:
 def _held(
     inertia: ndarray, damping: ndarray, stiffness: ndarray, period: float
 ) -> tuple[ndarray, ndarray]:
-    """How M y'' + D y' + K y = f goes on in a period under held f: (2 r, 2 r) and (2 r, r)."""
+    """Transition of M y'' + D y' + K y = f over a period of constant f: (2 r, 2 r) and (2 r, r)."""
     r = len(inertia)
     rates = np.zeros((3 * r, 3 * r))
     rates[:r, r : 2 * r] = np.eye(r)

@@ -1,4 +1,4 @@
-"""The statics behind the feedforward laws: in closed form, of the MuJoCo chain, or a network."""
+"""The statics behind the feedforward laws: in closed form, by the MuJoCo chain, or by a network."""
 
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -23,32 +23,33 @@ from ..base import REASONS, UNREACHABLE
 
 #: [m/N], singular values of J well below it are not inverted by the closed form's feedback.
 _DAMPING = 1e-3
-#: The same for a chain, by the whole range of actions over the reach.
+#: The same for a chain, for the full range of actions and over the reach.
 _DAMPING_SHARE = 0.04
 
-#: Distance of the tip at rest from the reference, as a share of the reach, that counts as out of
-#: reach. Paths of tasks are series through solved points, good to a hundredth of it.
+#: Distance of the tip at rest from the reference, as a share of the reach, beyond which it is out
+#: of reach. Paths of tasks are series through solved points, accurate to a hundredth of it.
 _OFF = 1e-4
-#: Share of it at which a decision is done, and small steps it takes at most.
+#: Share of it at which a decision is finished, and the most small steps it may take.
 _NEAR, _RELAXATIONS = 0.1, 4
 
-#: Of the closed form: largest distance [m] from the target, and step [N] to a lesser norm left.
+#: For the closed form: largest distance [m] from the target, and largest remaining step [N] towards
+#: the least norm.
 _REACHED, _SHORTEST = 1e-8, 1e-7
 _NEWTON_ITERATIONS = 60
 
 
 class Rest(NamedTuple):
-    """Where the tip rests.
+    """An equilibrium of the robot.
 
     Attributes:
-        inputs: (n_inputs,), which hold it there.
-        error: [m], its distance from the point wanted.
-        reached: Whether it is on it.
-        place: Of a chain, from which the next point is looked for; None at first, where the inputs
-            in force have no equilibrium.
-        spatial: Whether a chain's tip is held in all three coordinates, rather than in two of which
-            the third follows.
-        target: Of a network, (k,) [m].
+        inputs: (n_inputs,), which hold the tip there.
+        error: [m], distance of the tip from the target.
+        reached: Whether the tip is on the target.
+        place: For a chain, the start of the search for the next point; None at first, if the
+            current inputs have no equilibrium.
+        spatial: Whether a chain's tip is held in all three coordinates, rather than in two that
+            determine the third.
+        target: For a network, (k,) [m].
     """
 
     inputs: ndarray
@@ -60,12 +61,12 @@ class Rest(NamedTuple):
 
 
 class Statics(Protocol):
-    """Inverse statics of a robot, decision by decision.
+    """Inverse statics of a robot, one decision after the other.
 
     Attributes:
         inputs: Of the robot, what `robot_inputs` returns.
-        dimension: Coordinates of a reference; None where two or three will do.
-        missed: What is said of a target that is not reached.
+        dimension: Coordinates of a reference; None if both two and three are accepted.
+        missed: Status for a target that is not reached.
     """
 
     inputs: Inputs
@@ -73,16 +74,16 @@ class Statics(Protocol):
     missed: str
 
     def begin(self, inputs: ndarray) -> Rest:
-        """Where inputs (n_inputs,) in force lead."""
+        """The equilibrium of the current inputs (n_inputs,)."""
 
     def hold(self, target: ndarray, before: Rest, first: bool) -> Rest:
-        """Inputs of least norm that hold the tip at a target (k,) [m], from those of one before.
+        """Inputs of least norm that hold the tip at a target (k,) [m], near the previous ones.
 
         For the first target they may be anywhere.
         """
 
     def shifted(self, rest: Rest, change: ndarray) -> tuple[ndarray, bool]:
-        """Inputs (n_inputs,) that move the tip by (k,) [m] to first order; if one is limited."""
+        """Inputs (n_inputs,) that move the tip by (k,) [m], linearised; if one is limited."""
 
     def first_mode(self) -> tuple[float, float]:
         """Angular frequency [rad/s] and damping time [s] of the slowest mode."""
@@ -91,10 +92,10 @@ class Statics(Protocol):
 def statics_of(
     robot: RobotParams, closed: bool = True, network: str | Path | None = None
 ) -> Statics:
-    """A network, if a file of one is given; the closed form where there is one; else the chain.
+    """A network, if its file is given; the closed form where there is one; else the chain.
 
     Raises:
-        ValueError: The robot has no tendons, or the network is of another robot.
+        ValueError: The robot has no tendons, or the network belongs to another robot.
         FileNotFoundError: No such file.
     """
     if network is not None:
@@ -106,7 +107,7 @@ def statics_of(
 
 
 class ClosedStatics:
-    """See `Statics`: constant curvature between the ends of planar pairs, without gravity."""
+    """`Statics` in closed form: constant curvature between ends of planar pairs, no gravity."""
 
     dimension = 2
     missed = REASONS[UNREACHABLE]
@@ -139,7 +140,7 @@ class ClosedStatics:
 
 
 def least_norm(statics: ConstantCurvatureStatics, target: ndarray, guess: ndarray) -> Rest:
-    """Inputs of least norm that hold the tip on a target, near a guess.
+    """Inputs of least norm, near a guess, that hold the tip on a target.
 
     Minimises |u|^2 / 2 subject to tip(u) = target by a range- and null-space Newton method with
     step control.
@@ -150,8 +151,8 @@ def least_norm(statics: ConstantCurvatureStatics, target: ndarray, guess: ndarra
         guess: (n_inputs,) [N], start; the nearest local minimum is found.
 
     Returns:
-        Where they hold it, at a local minimum of the norm; or, where the target cannot be reached
-        from the guess, the inputs of the smallest distance met.
+        Equilibrium at a local minimum of the norm; if the target cannot be reached from the guess,
+        that of the smallest distance encountered.
     """
     u = np.array(guess, float)
     best = Rest(u, np.inf, False)
@@ -176,7 +177,7 @@ def _newton_steps(
     # Near the straight pose J loses rank; the damping bounds the step there and vanishes with
     # the gap, so it does not disturb convergence.
     damping = 1e-3 * np.hypot(*gap) * singular[0]
-    # A straight arm with its tip on the target: no gain, where both are exactly zero.
+    # A straight arm with its tip on the target, where both are exactly zero: no step.
     gain = singular / (singular**2 + damping + np.finfo(float).tiny)
     range_, null = right[: len(singular)].T, right[len(singular) :].T
     to_range = range_ @ (gain * (left.T @ gap))
@@ -194,15 +195,16 @@ def _shorten(step: ndarray, limit: ndarray) -> ndarray:
 
 
 class NetworkStatics:
-    """See `Statics`: a network from the tip's place to the actions that hold it there.
+    """`Statics` by a network from the position of the tip to the actions that hold it there.
 
-    Trained with samples of the chain's inverse statics, or of a robot's (`training.quasi_static`).
+    It is trained on samples of the inverse statics, of the chain or a robot
+    (`training.quasi_static`).
     """
 
     missed = "outside the trained workspace"
 
     def __init__(self, robot: RobotParams, path: Path) -> None:
-        """Load the network; errors as `statics_of`."""
+        """Load the network; raises the errors of `statics_of`."""
         self._robot, self.inputs = robot, robot_inputs(robot)
         network, about = load_for(path, robot, "qs_nn", fingerprint)
         self._size = 2 if robot.moves_in_xz else network.sizes[0]
@@ -226,7 +228,7 @@ class NetworkStatics:
         return Rest(inputs, away, away <= self._spacing, target=target)
 
     def shifted(self, rest: Rest, change: ndarray) -> tuple[ndarray, bool]:
-        """See `Statics`: what the network gives for a place shifted by that."""
+        """See `Statics`: the output of the network for the shifted position."""
         inputs = self.hold(rest.target + change[: self._size], rest, False).inputs
         limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
         return inputs, bool(limited.any())
@@ -237,24 +239,25 @@ class NetworkStatics:
 
 
 class ChainStatics:
-    """See `Statics`: inverse statics of the MuJoCo chain, each decision from the one before.
+    """`Statics` by the MuJoCo chain, each decision starting from the one before.
 
     References may have two coordinates, x and z of a planar robot and x and y of a spatial one, or
-    three; a third that does not follow from the other two is met as well where the robot has inputs
-    left.
+    three; a third that does not follow from the other two is followed too if the robot has enough
+    inputs.
 
     Attributes:
         scene: Of the robot.
-        inverse: Along its own directions, of which a third coordinate follows.
-        world: Along x, y and z.
-        damping: [m], singular values of the tip's way by actions well below it are not inverted.
+        inverse: Inverse along the robot's own directions, which determine a third coordinate.
+        world: Inverse along x, y and z.
+        damping: [m], singular values of the tip's Jacobian by actions well below it are not
+            inverted.
     """
 
     dimension = None
     missed = REASONS[UNREACHABLE]
 
     def __init__(self, robot: RobotParams) -> None:
-        """Of any robot with tendons; ValueError else."""
+        """Accept any robot with tendons; ValueError for others."""
         self.scene = build_scene(model_scene(robot))
         self.inverse = InverseStatics(self.scene)
         self.world = self.inverse.along(np.eye(3))
@@ -265,11 +268,11 @@ class ChainStatics:
         """See `Statics`."""
         try:
             return Rest(inputs, place=self.inverse.place(inputs))
-        except EquilibriumError:  # a motion may begin anywhere
+        except EquilibriumError:  # a motion may begin out of equilibrium
             return Rest(inputs)
 
     def hold(self, target: ndarray, before: Rest, first: bool) -> Rest:
-        """See `Statics`. Out of reach, the inputs that come nearest, within their limits."""
+        """See `Statics`. Out of reach, the inputs within their limits that come nearest."""
         if before.place is not None:
             ways = (True, False) if before.spatial else (False, True)
             for spatial in ways if self._can_lift(target) else (False,):
@@ -279,7 +282,7 @@ class ChainStatics:
         return self._searched(target, before, first)
 
     def _followed(self, target: ndarray, place: Place, spatial: bool) -> Rest | None:
-        """A step on, or some: a third coordinate follows once the inputs have the least norm."""
+        """One step or several: with a third coordinate, until the inputs have the least norm."""
         solver, rest = self.solver(spatial), None
         for _ in range(_RELAXATIONS):
             found = solver.follow(self.point(target, spatial), place)
@@ -291,15 +294,15 @@ class ChainStatics:
         return rest
 
     def linearised(self, rest: Rest) -> Linear | None:
-        """About a rest, along the directions that hold it there."""
+        """The linear statics about a rest, along the directions in which it is held."""
         return self.solver(rest.spatial).linearised(rest.place.action, rest.place.posture)
 
     def shifted(
         self, rest: Rest, change: ndarray, linear: Linear | None = None
     ) -> tuple[ndarray, bool]:
-        """See `Statics`. Actions at their bound stay there, and the others make up for them.
+        """See `Statics`. Actions at their bound stay there, and the others compensate.
 
-        By the statics about the rest; of a robot that differs where these are given.
+        Uses the linear statics about the rest, unless those of a robot that differs are given.
         """
         place = rest.place
         if linear is None and place is not None:
@@ -314,7 +317,7 @@ class ChainStatics:
         return inputs, bool(limited.any() or np.any(np.abs(place.action + step) >= 1.0))
 
     def first_mode(self) -> tuple[float, float]:
-        """See `Statics`: of the chain linearised under the action 0, its drives at rest."""
+        """See `Statics`: of the chain linearised under the action 0, with fixed drives."""
         return linearised(self.inverse, self.inputs.input_centre).first_mode()
 
     def error(self, posture: ndarray, target: ndarray) -> float:
@@ -322,14 +325,14 @@ class ChainStatics:
         return float(norm(self.inverse.tip(posture)[self.axes(len(target))] - target))
 
     def solver(self, spatial: bool) -> InverseStatics:
-        """Along all three directions, or its own."""
+        """The inverse along all three directions, or along its own."""
         return self.world if spatial else self.inverse
 
     def _can_lift(self, target: ndarray) -> bool:
         return len(target) == 3 and self.inverse.freedom > 2
 
     def axes(self, size: int) -> list[int]:
-        """Which coordinates of the world a reference of two or three is about."""
+        """The world coordinates that a reference of two or three refers to."""
         if size == 3:
             return [0, 1, 2]
         return [0, 2] if self.scene.config.bending == "planar" else [0, 1]
@@ -343,7 +346,7 @@ class ChainStatics:
         return Rest(found.inputs, error, error <= self._off, found, spatial)
 
     def _searched(self, target: ndarray, before: Rest, first: bool) -> Rest:
-        """Solved from the place before, or from anywhere; that place stays where it is not met."""
+        """Solved from the previous place, or from anywhere; if that fails, the place is kept."""
         point = np.zeros((1, 3))
         point[0, self.axes(len(target))] = target
         start, best = before.place, None

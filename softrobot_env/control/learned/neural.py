@@ -1,7 +1,7 @@
-"""A small network as controller of any robot, trained by imitation or reinforcement learning.
+"""Small networks as controllers of any robot, trained by imitation or reinforcement learning.
 
-It reads observables of a robot at scales of its own (`View`), or the vector that it learned on
-(`core.vector_reading`); either is an `Encoding`.
+They read observables of a robot at suitable scales (`View`), or the vector that they were trained
+on (`core.vector_reading`); either is an `Encoding`.
 """
 
 from collections.abc import Mapping
@@ -33,41 +33,41 @@ PERIOD = 0.01
 #: Times [s] ahead at which the policy of the arm sees the reference; the environments' default.
 PREVIEW = (0.05, 0.1, 0.2, 0.4)
 
-#: Decisions in a period of the first mode of another robot, at least, out of these periods [s]; and
-#: when it sees the reference, in periods of the first mode.
+#: For other robots: least number of decisions in a period of the first mode, the periods [s] to
+#: choose from, and the preview times in periods of the first mode.
 _DECISIONS, _PERIODS = 60, (1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
 _AHEAD_TIMES = (1 / 24, 1 / 12, 1 / 6, 1 / 3)
 
-#: Change of the action [1] up to which that by an output is nearly linear, of the arm; and largest
-#: change of an action of servos over what they can do in a period.
+#: For the arm, change of the action [1] up to which it is nearly linear in the output; and largest
+#: change of a servo's action over what the servo can do in a period.
 _FINE, _ROOM = 0.01, 2.0
 
 #: Scale [1] of the inputs in force.
 _ACTION = 0.15
 
-#: Largest feature [1], of either sign.
+#: Largest magnitude of a feature [1].
 _LARGEST = 10.0
 
 _VIEW, _BEFORE = "view_", "previous_action"
 
-#: What earlier files do not tell.
+#: Defaults for what earlier files do not contain.
 _LATER = ("change", "most")
 
 
 class Encoding(NamedTuple):
-    """What a network sees of observables, and what its outputs do.
+    """The inputs of a network, and the effect of its outputs.
 
-    A feature is an entry x of the observables, less another one: (x - origin) / scale, or
-    gain asinh of that where there is a gain, within +-largest. An output o in [-1, 1] is an action,
-    or changes the action in force by change o, or by change sinh(steepness o).
+    A feature is an entry x of the observables, perhaps minus another one: (x - origin) / scale, or
+    gain * asinh of that where there is a gain, limited to +-largest. An output o in [-1, 1] is an
+    action, or changes the current action by change * o, or by change * sinh(steepness * o).
 
     Attributes:
-        take: (k,), entries.
-        less: (k,), entries that are taken off, -1 where there is none.
+        take: (k,), indices of the entries.
+        less: (k,), indices of the entries subtracted, -1 for none.
         origin, scale: (k,), in the unit of each.
-        gain: (k,) [1], 0 of what is linear.
+        gain: (k,) [1], 0 for linear features.
         largest: [1].
-        change, steepness: [1], 0 where there is none.
+        change, steepness: [1], 0 if not used.
     """
 
     take: ndarray
@@ -80,7 +80,7 @@ class Encoding(NamedTuple):
     steepness: float
 
     def features(self, flat: ndarray) -> ndarray:
-        """Float32 (..., k) of all that is observed (..., size), in SI units."""
+        """Features, float32 (..., k), of all observations (..., size) in SI units."""
         less = np.where(self.less < 0, 0.0, flat[..., self.less])
         values = (flat[..., self.take] - less - self.origin) / self.scale
         curved = self.gain > 0
@@ -88,20 +88,20 @@ class Encoding(NamedTuple):
         return np.clip(values, -self.largest, self.largest).astype(np.float32)
 
     def increment(self, output: ndarray) -> ndarray:
-        """Change of the action [1] of outputs, as within [-1, 1]."""
+        """Change of the action [1] for outputs, which are limited to [-1, 1]."""
         output = np.clip(output, -1.0, 1.0)
         return self.change * (np.sinh(self.steepness * output) if self.steepness else output)
 
 
 def _places(observed: Mapping[str, int]) -> dict[str, ndarray]:
-    """Which entries the observables are, one behind the other, of their sizes."""
+    """Indices of the observables' entries when they are concatenated."""
     ends = np.cumsum([*observed.values()])
     return {n: np.arange(end - observed[n], end) for n, end in zip(observed, ends, strict=True)}
 
 
 @dataclass(frozen=True)
 class View(Record):
-    """What the network of a robot sees, at which scales, and when it decides.
+    """What a robot's network sees, at which scales, and when it decides.
 
     Attributes:
         period: [s] between two decisions.
@@ -109,14 +109,14 @@ class View(Record):
         dimensions: Coordinates of the tip.
         inputs: Number of actions.
         state: Observables of the robot's motion.
-        sizes: Their numbers of entries.
+        sizes: Their sizes.
         scales: Of each, in its unit.
-        coarse, fine: [m], scales of the tip's error, the second one within asinh.
+        coarse, fine: [m], scales of the tip's error, the second one inside asinh.
         velocity: [m/s], scale of the reference's velocity.
-        ahead: [m], scale of the preview less the reference.
-        action: Scale [1] of the inputs in force.
+        ahead: [m], scale of the preview minus the reference.
+        action: Scale [1] of the current inputs.
         change, most: [1], change of an action up to which it is nearly linear in the output, and
-            that by an output of 1.
+            the change for an output of 1.
     """
 
     period: Positive
@@ -141,11 +141,11 @@ class View(Record):
 
     @property
     def steepness(self) -> float:
-        """s [1], an output o changes an action by `change` sinh(s o)."""
+        """s [1]: an output o changes an action by `change` * sinh(s o)."""
         return float(np.arcsinh(self.most / self.change))
 
     def increment(self, output: ndarray) -> ndarray:
-        """Change of the action [1] of outputs in [-1, 1]: fine about zero, coarse far away."""
+        """Change of the action [1] for outputs in [-1, 1]: fine near zero, coarse far away."""
         return self.encoding.increment(output)
 
     def output_of(self, change: ndarray) -> ndarray:
@@ -171,7 +171,7 @@ class View(Record):
 
     @cached_property
     def encoding(self) -> Encoding:
-        """Errors twice: proportionally, and compressed so that a tenth of a millimetre counts."""
+        """Its encoding. Errors enter twice: linearly, and compressed so that a tenth of a millimetre counts."""
         at = _places(self.observed)
         tip, reference = at["tip_position"], at["reference"]
         nothing = {name: np.full(len(places), -1) for name, places in at.items()}
@@ -191,12 +191,12 @@ class View(Record):
         return Encoding(take, less, np.zeros(len(take)), scale, gain, *more)
 
     def about(self) -> dict[str, Any]:
-        """What the file of a network tells of its view."""
+        """The description of the view in a network's file."""
         return {f"{_VIEW}{field.name}": getattr(self, field.name) for field in fields(self)}
 
 
 def view_in(about: Arrays, robot: RobotParams) -> View:
-    """The view that a file tells; of files that tell none, that of the arm."""
+    """The view described in a file; without a description, that of the arm."""
     names = [field.name for field in fields(View)]
     if f"{_VIEW}{names[0]}" not in about:
         return arm_view(robot)
@@ -205,7 +205,7 @@ def view_in(about: Arrays, robot: RobotParams) -> View:
 
 
 def arm_view(robot: RobotParams) -> View:
-    """Of the thesis' arm, the scales that its shipped networks were trained with."""
+    """The view of the thesis' arm, with the scales of its shipped networks."""
     sizes, state = state_sizes(robot), ("curvature", "curvature_rate")
     return View(
         period=PERIOD,
@@ -224,12 +224,12 @@ def arm_view(robot: RobotParams) -> View:
 
 
 def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None = None) -> View:
-    """The view of a robot at scales of its own, which are about those of the arm.
+    """The view of any robot, with scales that would be about the same for the arm.
 
     Args:
         robot: The robot.
         sizes: Entries of its observables.
-        period: [s] between two decisions, by the first mode unless given.
+        period: [s] between two decisions, by default from the first mode.
 
     Raises:
         ValueError, EquilibriumError: It has no first mode at rest.
@@ -241,7 +241,7 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
         period = max((p for p in _PERIODS if _DECISIONS * p <= first), default=_PERIODS[0])
     rate, bend = 2 * pi / first, 1.5 / robot.length
     scales = {"curvature": bend, "curvature_rate": 1.3 * bend * rate}
-    if robot.drive.kind == "length":  # where the servos are, which may lag behind the inputs
+    if robot.drive.kind == "length":  # positions of the servos, which may lag behind the inputs
         scales["tendon_length"] = _ACTION * float(robot_inputs(robot).input_scale.max())
     most = min(
         1.0, _ROOM * robot.drive.speed * period / float(robot_inputs(robot).input_scale.min())
@@ -272,7 +272,7 @@ def features(observation: Mapping[str, ndarray], view: View) -> ndarray:
 
 
 def _of_vector(reading: Reading) -> Encoding:
-    """How a network is read that learned on vectors."""
+    """The encoding of a network that was trained on vectors."""
     k = len(reading.take)
     less = np.full(k, -1)
     less[reading.relative] = reading.less
@@ -284,9 +284,9 @@ def _of_vector(reading: Reading) -> Encoding:
 def learned_environment(
     policy: str, robot: RobotParams, weights: str | Path | None = None
 ) -> dict[str, Any]:
-    """What a trained policy of a robot needs of an environment: its control period and preview.
+    """The control period and preview that a robot's trained policy needs of an environment.
 
-    That of the arm's networks unless there is a file of the policy, which `make_policy` asks for.
+    Those of the arm's networks if there is no file of the policy; `make_policy` requires one.
     """
     try:
         _, about = Network.load(find_artifact(robot, policy) if weights is None else weights)
@@ -298,13 +298,13 @@ def learned_environment(
 class NeuralPolicy(Memoryless):
     """u = g(x), or u_k+1 = u_k + h(g(x)), g a small tanh network and x what it sees.
 
-    A network that only changes the action in force integrates: a steady error moves on. It decides
-    as often as its `View` or vector says, which also tells the preview that the environment must
-    have: of the arm every 10 ms, and `PREVIEW`. When an observation is not finite, the action in
-    force is kept.
+    A network that only changes the current action acts as an integrator: a steady error keeps
+    moving it. Its `View` or vector defines how often it decides and which preview the environment
+    must have: for the arm every 10 ms, and `PREVIEW`. When an observation is not finite, the
+    current action is kept.
 
     Attributes:
-        view: What it sees; None of a network that learned on vectors.
+        view: What it sees; None for a network that was trained on vectors.
     """
 
     says = tuple(Said(REASONS[code]) for code in (FINE, SATURATED, UNREACHABLE))
@@ -321,20 +321,20 @@ class NeuralPolicy(Memoryless):
 
         Args:
             robot: Nominal robot, the one the network was trained for.
-            control_period: [s] between calls, a whole fraction of the network's own.
-            weights: File that `softrobot train` wrote, the name of one in the models' folder, or
-                a network at hand; that of `policy` unless given, see `artifacts.find_artifact`.
-            policy: Whose network it is.
-            view: Of a network at hand, or the vector that it reads; the arm's view unless given.
+            control_period: [s] between calls, a whole fraction of the network's period.
+            weights: File written by `softrobot train`, the name of one in the models' folder, or a
+                network object; by default that of `policy`, see `artifacts.find_artifact`.
+            policy: Name of the policy that the network belongs to.
+            view: View of a network object, or the vector that it reads; by default the arm's view.
 
         Raises:
-            ValueError: Another robot, a control period that does not divide the network's, or a
-                network whose ends are not those of what it sees and of the inputs.
+            ValueError: The robot is another one, the control period does not divide the network's,
+                or the sizes of the network's inputs and outputs do not fit.
             FileNotFoundError: No such file.
         """
         network, reading, self.n_inputs = weights, None, robot_inputs(robot).n_inputs
         if not isinstance(weights, Network):
-            # An absolute path stays what it is.
+            # An absolute path stays unchanged.
             path = find_artifact(robot, policy) if weights is None else models_dir() / weights
             network, about = load_for(path, robot, policy)
             reading = reading_in(about)
@@ -362,7 +362,7 @@ class NeuralPolicy(Memoryless):
         self.prepare()
 
     def plain(self, observed: Mapping[str, ndarray]) -> tuple[ndarray, ndarray]:
-        """What the network gives, within the limits."""
+        """The output of the network, within the limits."""
         flat = np.hstack([observed[name] for name in self.requires])
         given = self._infer.batch(self._encoding.features(flat).astype(float))
         wanted = np.clip(given, -1.0, 1.0)
@@ -376,7 +376,7 @@ class NeuralPolicy(Memoryless):
         return actions, codes
 
     def compiled(self) -> Decide:
-        """`vector_kernel.decide` with this network and what it sees."""
+        """`vector_kernel.decide` for this network and its encoding."""
         from softrobot_env.compile.kernels import reference
         from softrobot_env.learned.inference import parameters_of
 

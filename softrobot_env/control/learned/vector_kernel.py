@@ -14,14 +14,14 @@ from ..limits import finite
 
 @structure
 class NetworkLaw(NamedTuple):
-    """A network, and what lies between it and observations and actions.
+    """A network, with the encoding of its observations and actions.
 
     Attributes:
-        width: Number of all entries that are observed.
-        before, target: Where the action in force and the reference begin among them.
-        base: (d,) [m], where the robot is clamped, in the reference's coordinates; empty where it
-            does not matter how far that is.
-        reach: [m], largest distance of a reference from there.
+        width: Number of observed entries.
+        before, target: Indices at which the current action and the reference begin among them.
+        base: (d,) [m], where the robot is clamped, in the reference's coordinates; empty if
+            references are not checked against the reach.
+        reach: [m], largest distance of a reference from the base.
         encoding: Its `neural.Encoding`.
         parameters, sizes: Of the network, see `learned.inference.parameters_of`.
     """
@@ -38,7 +38,7 @@ class NetworkLaw(NamedTuple):
 
 @kernel
 def _features(of: Any, observed: ndarray, out: ndarray) -> None:
-    """Write what the network sees (k,) of observables (size,) in SI units, by its `Encoding`."""
+    """Write the features (k,) of observables (size,) in SI units, by the network's `Encoding`."""
     for i in range(len(out)):
         value = observed[of.take[i]]
         if of.less[i] >= 0:
@@ -53,7 +53,7 @@ def _features(of: Any, observed: ndarray, out: ndarray) -> None:
 def _decide(
     law: NetworkLaw, observed: ndarray, seen: ndarray, given: ndarray, action: ndarray
 ) -> int:
-    """Write the action (m,) for finite observables; `seen` and `given` are the network's ends."""
+    """Write the action (m,) for finite observables; `seen` and `given` are input and output arrays."""
     encoding = law.encoding
     _features(encoding, observed, seen)
     forward(seen, law.parameters, law.sizes, given)
@@ -78,7 +78,7 @@ def _decide(
 
 @kernel
 def decide(law: NetworkLaw, observed: ndarray, actions: ndarray, codes: ndarray) -> None:
-    """Write actions and codes of `status`, for observables, see `memoryless.Decide`."""
+    """Write actions and status codes for observables, see `memoryless.Decide`."""
     width, m = law.width, law.sizes[-1]
     seen, given = np.empty(law.sizes[0]), np.empty(m)
     for k in range(len(codes)):

@@ -1,7 +1,7 @@
-"""What laws with a plan aim at: the equilibrium that moves with the reference, and how far off.
+"""The target of laws with a plan: the equilibrium that moves with the reference.
 
-What the model leaves unexplained is estimated from the actions really in force, and compensated: a
-shift of the curvatures, an offset of the tip, and, if wanted, the stiffness.
+Model errors are estimated from the actions actually applied, and compensated: a shift of the
+curvatures, an offset of the tip, and, if wanted, the stiffness.
 """
 
 from functools import singledispatch
@@ -22,8 +22,8 @@ from .table import Row, Table, blend, inverse_of, look_up
 #: Damping of the inverse of the tip's derivative by actions.
 _DAMPING = 1e-2
 
-#: [1], memory of the stiffness estimate, times the period of the first mode; how much it trusts the
-#: nominal stiffness, as curvature times length; and the factors it is kept in.
+#: [1], memory of the stiffness estimate, times the period of the first mode; its weight on the
+#: nominal stiffness, as curvature times length; and the range of its factors.
 _FORGETTING, _TRUST, _RANGE = 2.0, 0.02, (0.3, 3.0)
 
 #: Jumps [1] over the reach, and accelerations that replace them, over the reach and T^2.
@@ -32,16 +32,16 @@ _JUMP, _ACCELERATION = 1e-2, 29.0
 #: Distance from the reference, over the reach, that the equilibria of the table leave at most.
 _FAR = 0.02
 
-#: [1], by which an action may be beyond one that needs all of the force of a servo.
+#: [1], by which an action may exceed the one that needs the full force of a servo.
 _ROUNDING = 1e-9
 
 
 class Seen(NamedTuple):
-    """What a law with a plan reads, as observed, and the actions in force.
+    """The observations of a law with a plan, and the current actions.
 
     Attributes:
         curvature, rate: (n,) [1/m, 1/(m s)].
-        tip, target: (2,) or (3,) [m], of the robot and wanted.
+        tip, target: (2,) or (3,) [m], of the robot and of the reference.
         preview: (size k,) [m], of the target; empty without.
         previous: (m,) [1].
     """
@@ -55,18 +55,18 @@ class Seen(NamedTuple):
 
 
 class TrackingTarget(NamedTuple):
-    """Where a law wants to be, and how far from it the robot is.
+    """The target of a law, and the robot's deviation from it.
 
     Attributes:
         action: (m,) [1], of the equilibrium now.
-        rising: (m,) [1/s], how it moves with the reference.
-        away: (2 n + m,), curvatures [1/m], their rates and actions, less those of the equilibrium
-            that moves; of a law that has no actions as states (2 n,).
-        ways: (3 k,) [m], references ahead, less what the present velocity makes of the present one;
-            of the arm (2 k,), in its plane.
+        rising: (m,) [1/s], its rate with the moving reference.
+        away: (2 n + m,), curvatures [1/m], their rates and actions, minus those of the moving
+            equilibrium; (2 n,) for a law without actions as states.
+        ways: (3 k,) [m], references ahead, minus the extrapolation of the present one at its
+            velocity; (2 k,) in the plane of the arm.
         velocity: (3,) [m/s], of the reference.
         bending: (n, 3) [1/m2], how the curvatures at rest move with the reference.
-        status_code: Why the law may do otherwise than is wanted, a code of `status`.
+        status_code: Why the law may miss its target, a code of `status`.
         gains: Of the law.
     """
 
@@ -86,17 +86,17 @@ class AimingLaw(ScheduledLaw):
     observables = (*ScheduledLaw.observables, "reference_preview")
 
     def start(self, observation: Observation) -> Memory:
-        """Begin from the actions in force, with the nominal model.
+        """Begin from the current actions, with the nominal model.
 
         Raises:
-            ValueError: The reference has too few coordinates, or the preview is at another number
-                of times than this policy needs.
+            ValueError: The reference has too few coordinates, or the preview has another number of
+                times than this policy needs.
         """
         law = self._law
         self._check_reference(observation)
         n, m = law.table.n, law.table.m
         values = np.zeros(3 * n + m + 6 + memory_size(3))
-        # once an episode: by Python, as to compile these for it takes half a second
+        # once per episode, so in plain Python: compiling these takes half a second
         own = remembered.py_func(values, n, m)
         own.held[:] = self._begun(observation)
         tip, here = observation["tip_position"], np.empty(3)
@@ -106,22 +106,22 @@ class AimingLaw(ScheduledLaw):
         return Memory(values, FINE)
 
     def stiffness(self, state: Memory) -> float:
-        """Factor [1] on the nominal stiffness that is estimated; 1 unless the law is adaptive."""
+        """Estimated factor [1] on the nominal stiffness; 1 unless the law is adaptive."""
         table = self._law.table
         own = remembered.py_func(state.values, table.n, table.m)
         return 1.0 + float(own.stiffness[0])
 
 
 class Remembered(NamedTuple):
-    """Views of what `AimingLaw` remembers.
+    """Views of the memory of an `AimingLaw`.
 
     Attributes:
         curvature, rate: (n,), before.
-        shift: (n,), of the curvatures at rest; of the arm the force on them.
-        held: (m,), actions of the equilibrium before.
+        shift: (n,), of the curvatures at rest; for the arm, the force on them.
+        held: (m,), actions of the previous equilibrium.
         offset: (3,) [m], of the tip.
-        stiffness: (2,), what it is estimated from.
-        begun: (1,), whether a decision went before.
+        stiffness: (2,), sums from which it is estimated.
+        begun: (1,), whether a decision was made before.
         smoothing: Of references.
     """
 
@@ -153,9 +153,10 @@ def remembered(memory: ndarray, n: int, m: int) -> Remembered:
 
 @kernel
 def _estimate(law: Law, now: Row, memory: ndarray, seen: Seen, tip: ndarray) -> ndarray:
-    """Update what the model leaves unexplained; shift (n,) [1/m] of the curvatures at rest.
+    """Update the estimated model errors; returns the shift (n,) [1/m] of the curvatures at rest.
 
-    The balance of forces, over the stiffness: K^-1 (M q.. + D q.) + q - q_OP - X (a - a_OP).
+    From the balance of forces, divided by the stiffness: K^-1 (M q.. + D q.) + q - q_OP - X (a -
+    a_OP).
     """
     own, rate = remembered(memory, law.table.n, law.table.m), seen.rate
     shift, stiffer = own.shift, own.stiffness
@@ -178,9 +179,9 @@ def _estimate(law: Law, now: Row, memory: ndarray, seen: Seen, tip: ndarray) -> 
 
 @kernel
 def _adapt(law: Law, now: Row, left: ndarray, stiffer: ndarray) -> None:
-    """Update how much stiffer[0] the springs are: of those by a share s the shift is -s elastic.
+    """Update the factor stiffer[0]: springs stiffer by a share s shift curvatures by -s elastic.
 
-    Least squares with forgetting, as one step down the gradient.
+    Least squares with forgetting, as one gradient step.
     """
     trust = (_TRUST / law.reach) ** 2 * len(left)
     size = trust + np.sum(now.elastic**2)
@@ -193,7 +194,7 @@ def _adapt(law: Law, now: Row, left: ndarray, stiffer: ndarray) -> None:
 def references_of(
     law: Law, target: ndarray, preview: ndarray, smoothing: ndarray
 ) -> tuple[ndarray, ndarray]:
-    """Places (1 + k, 3) [m], now and ahead, without jumps, and the velocity (3,) [m/s] now."""
+    """Points (1 + k, 3) [m], now and ahead, without jumps, and the present velocity (3,) [m/s]."""
     times, size = law.times, len(target)
     points = np.zeros((len(times), 3))
     in_space(target, law.planar, points[0])
@@ -209,7 +210,7 @@ def references_of(
         velocity[x] = (points[1, x] - points[0, x]) / times[1]
         square += velocity[x] * velocity[x]
     if np.sqrt(square) * law.period > _JUMP * law.reach:
-        velocity[:] = 0.0  # a jump ahead is no motion
+        velocity[:] = 0.0  # a jump ahead has no velocity
     return points, velocity
 
 
@@ -219,7 +220,7 @@ def aimed(table: Any, law: Any, memory: Any, seen: Any) -> Any:
 
     Args:
         table: The operating points.
-        law: Whose they are.
+        law: The law that they belong to.
         memory: See `Remembered`.
         seen: A `Seen`.
     """
@@ -265,7 +266,7 @@ def _looked_up(table: Table, law: Law, memory: ndarray, seen: Seen) -> TrackingT
 
 @kernel
 def status_code_of(law: Law, gap: ndarray) -> int:
-    """What is said of a way (k,) [m] from the operating point's tip to the reference."""
+    """Status code for a gap (k,) [m] between the operating point's tip and the reference."""
     return UNREACHABLE if np.sqrt(np.sum(gap**2)) > _FAR * law.reach else FINE
 
 
@@ -296,14 +297,14 @@ def planned(law: Law, aim: TrackingTarget) -> ndarray:
 
 @kernel
 def seen_well(seen: Seen) -> bool:
-    """Whether all that is observed is finite."""
+    """Whether all observations are finite."""
     state = finite(seen.curvature) and finite(seen.rate) and finite(seen.tip)
     return state and finite(seen.target) and finite(seen.preview) and finite(seen.previous)
 
 
 @kernel
 def forget_balance(law: Law, memory: ndarray) -> None:
-    """Begin the balance of forces anew: the next one would span more than a period."""
+    """Restart the balance of forces: the next one would span more than a period."""
     remembered(memory, law.table.n, law.table.m).begun[0] = 0.0
 
 
@@ -318,16 +319,16 @@ def conclude(
 ) -> tuple[ndarray, ndarray, int]:
     """Action (m,), next memory and code of a decision.
 
-    Where drives are too slow for a change of the actions, all change by the same share of it; where
-    they are too weak, the code says so. The
-    action is NaN where it, or the memory, could not be computed; `Controller` then keeps both.
+    Where drives are too slow for a change of the actions, all changes are scaled down by the same
+    factor; where they are too weak, the code says so. The action is NaN if it or the memory could
+    not be computed; `Controller` then keeps both.
 
     Args:
-        law: Whose speeds hold.
+        law: The law, with the speeds of its drives.
         wanted: (m,) [1].
-        previous: (m,) [1], in force.
+        previous: (m,) [1], current actions.
         curvature: (n,) [1/m].
-        status_code: Code of what else may keep the law from what is wanted.
+        status_code: Code of any other reason why the law may miss its target.
         memory: Of this decision.
     """
     m, share, code, speed = len(wanted), 1.0, status_code, law.speed
