@@ -1,4 +1,4 @@
-"""Parts of linear-quadratic laws: discretisation, integral gains, interpolation, quadratic programs.
+"""Parts of linear-quadratic laws: discretisation, gains, interpolation, quadratic programs.
 
 Quadratic programs are solved by the dual active-set solver DAQP (Arnstroem et al. 2022).
 """

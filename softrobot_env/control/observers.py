@@ -1,4 +1,4 @@
-"""Output feedback: policies of the full state, given tip and curvatures only.
+"""Output feedback: policies of the full state that measure only tip and curvatures.
 
 A Kalman filter on a robot's equations of motion estimates the curvature rates.
 """
@@ -29,22 +29,24 @@ from .linear_quadratic import discretized
 #: [s], longest step of the prediction by the closed form of the arm.
 _STEP = 1e-3
 
-#: Standard deviations between prediction and measurement that make an outlier; at least a
-#: hundredth of the curvature limit has to lie between them.
+#: Standard deviations between prediction and measurement from which on a measurement is an outlier,
+#: if it also differs by a hundredth of the curvature limit.
 _OUTLIER = 10.0
 
 #: Outliers in a row that are ignored.
 _PATIENCE = 3
 
-#: Of the arm: standard deviation [1/m] of measured curvatures; growth [1/s^0.5] of the deviation of
-#: unexplained forces, over the full actuation: more follows a wrong model faster and lets more
-#: noise through; and the process' own noise over the measured one: rounding needs some.
+#: For the arm: standard deviation [1/m] of measured curvatures; growth [1/s^0.5] of the deviation
+#: of unexplained forces, over the full actuation (a larger one corrects a wrong model faster and
+#: passes more noise); and process over measurement noise, which must not be zero because of
+#: rounding.
 _ARM_NOISE, _ARM_WALK, _ARM_PROCESS = 1e-2, 0.5, 1e-2
 
-#: Of other robots: the same, the first one over 1 / length, of a shift of the curvatures.
+#: For other robots: the same for a shift of the curvatures, the first one times the length.
 _NOISE, _WALK, _PROCESS = 5e-3, 0.5, 1e-4
 
-#: An estimate (4, n), as of `RateObserver`, a period later under what was applied (m,).
+#: Function that predicts an estimate (4, n) of `RateObserver` a period later under what was applied
+#: (m,).
 Prediction = Callable[[ndarray, ndarray], ndarray]
 
 
@@ -53,8 +55,8 @@ class Filter(NamedTuple):
 
     Attributes:
         ahead, by_input: (3 n, 3 n) and (3 n, m), exact over a period.
-        gain: (3 n, n), of what was measured less what was predicted.
-        deviation: [1/m], largest standard deviation of that.
+        gain: (3 n, n), of the innovation, measurement minus prediction.
+        deviation: [1/m], largest standard deviation of the innovation.
     """
 
     ahead: ndarray
@@ -66,15 +68,15 @@ class Filter(NamedTuple):
 def stationary_filter(
     model: LinearModel, shift: ndarray, period: float, noise: float, walk: float, process: float
 ) -> Filter:
-    """The filter of curvatures, rates and what shifts them, a random walk.
+    """A Kalman filter of curvatures, rates and a disturbance that shifts them, a random walk.
 
     Args:
         model: The robot.
-        shift: (n, n), force [N m2] by what shifts the curvatures.
+        shift: (n, n), force [N m2] per unit of the disturbance.
         period: [s] between two updates.
         noise: [1/m], standard deviation of measured curvatures.
-        walk: [1/s^0.5], growth of the deviation of what shifts them.
-        process: Deviation [1] of the curvatures' own noise, over the measured one.
+        walk: [1/s^0.5], growth of the deviation of the disturbance.
+        process: Deviation [1] of the curvatures' process noise, over the measurement noise.
     """
     a, b, _ = model.state_space()
     n, m = len(model.mass), b.shape[1]
@@ -91,17 +93,17 @@ def stationary_filter(
 
 
 class RateObserver:
-    """Estimates curvatures, their rates and what shifts them, with the stationary Kalman gain.
+    """Estimates curvatures, their rates and a disturbance, with the stationary Kalman gain.
 
-    What shifts them, forces or a change of the curvatures at rest, is a random walk, so that the
-    estimates have no offset where the model is wrong. A curvature far from its prediction is taken
-    for an outlier, up to three times in a row; then the estimate begins anew from what is measured,
-    at rest.
+    The disturbance, forces or a change of the curvatures at rest, is modelled as a random walk, so
+    that the estimates have no offset where the model is wrong. A curvature far from its prediction
+    counts as an outlier, up to three times in a row; then the estimate restarts from the
+    measurement, at rest.
 
     Attributes:
         predicted: An estimate a period later, without a measurement.
-        tip: Place (3,) [m] of the tip at curvatures (n,), but for a constant.
-        in_force: Observable that says what was applied.
+        tip: Position (3,) [m] of the tip at curvatures (n,), up to a constant.
+        in_force: Observable that holds what was applied.
     """
 
     def __init__(
@@ -127,16 +129,16 @@ class RateObserver:
         """Next estimate (4, n).
 
         Args:
-            estimate: (4, n), the one before.
-            applied: (m,), since then, as the observable `in_force` says it.
-            curvature: (n,) [1/m], measured now; where it is not finite it is predicted only.
+            estimate: (4, n), the previous one.
+            applied: (m,), value of the observable `in_force` since then.
+            curvature: (n,) [1/m], measured now; entries that are not finite are only predicted.
         """
         ahead = self.predicted(estimate, usable(applied))
         return _corrected(self._gain, self._limit, ahead, np.ascontiguousarray(curvature))
 
 
 def linear_model(arm: PlanarArm, curvature: ndarray) -> LinearModel:
-    """The linear model of a planar arm, (6.25) to (6.27), of inputs [N] and the tip (x, z).
+    """The linear model of a planar arm, (6.25) to (6.27), from inputs [N] to the tip (x, z).
 
     Args:
         arm: The arm.
@@ -152,17 +154,17 @@ def linear_model(arm: PlanarArm, curvature: ndarray) -> LinearModel:
 
 
 def arm_observer(robot: RobotParams, control_period: float) -> RateObserver:
-    """Of a planar arm: predicts with its nonlinear model, and estimates unexplained forces [N m2].
+    """The observer of a planar arm: predicts with its nonlinear model, estimates forces [N m2].
 
-    By the linearly implicit Euler method, whose steps the stiffness does not limit. The gain is
-    that of the straight arm.
+    It integrates by the linearly implicit Euler method, whose steps the stiffness does not limit.
+    The gain is that of the straight arm.
 
     Args:
         robot: Nominal robot.
         control_period: [s] between two updates.
 
     Raises:
-        ValueError: The robot is no planar arm.
+        ValueError: The robot is not a planar arm.
     """
     check_argument("control_period", control_period, Positive)
     arm, limit = make_planar_arm(robot), TendonMap(robot).input_scale
@@ -176,10 +178,9 @@ def arm_observer(robot: RobotParams, control_period: float) -> RateObserver:
 
 
 def chain_observer(robot: RobotParams, control_period: float) -> RateObserver:
-    """Of any robot: predicts with its chain linearised in the middle of its ground.
+    """The observer of any robot: predicts with its chain linearised in the middle of its workspace.
 
-    What a linear model does not know, far from there too, is a shift [1/m] of the curvatures at
-    rest.
+    Errors of the linear model, also far from there, become a shift [1/m] of the curvatures at rest.
     """
     check_argument("control_period", control_period, Positive)
     space = workspace_of(robot)
@@ -202,7 +203,7 @@ def chain_observer(robot: RobotParams, control_period: float) -> RateObserver:
 
 
 def rate_observer(robot: RobotParams, control_period: float) -> RateObserver:
-    """The observer of a robot called every control period [s]: of planar arms in closed form."""
+    """The observer of a robot, called every control period [s]; for planar arms in closed form."""
     try:
         return arm_observer(robot, control_period)
     except ValueError:
@@ -213,27 +214,27 @@ class ObservedState(NamedTuple):
     """State of `OutputFeedback`.
 
     Attributes:
-        estimate: (4, n), of the observer; the second row are the rates.
+        estimate: (4, n), of the observer; the second row holds the rates.
         inner: State of the policy.
     """
 
     estimate: ndarray
     inner: Any
 
-    #: As of the policy.
+    #: As in the policy.
     status = Held.status
 
 
 class OutputFeedback(Controller):
     """A policy whose curvature rates come from an observer.
 
-    The observer goes on in every control period, also while the policy holds its action.
-    Policies that estimate unexplained forces themselves then do so in series with the observer:
-    `mpc_preview` oscillates if the robot is a third as heavy as its model.
+    The observer runs in every control period, even while the policy holds its action. Policies that
+    estimate unexplained forces themselves then do so in series with the observer: `mpc_preview`
+    oscillates if the robot's mass is a third of its model's.
     """
 
     def __init__(self, policy: Controller, robot: RobotParams, control_period: float) -> None:
-        """Of a policy for a nominal robot, called every control period [s]."""
+        """Wrap a policy for a nominal robot, called every control period [s]."""
         self._policy, self._observer = policy, rate_observer(robot, control_period)
         self.hold = policy.hold
         self._in_force = self._observer.in_force
@@ -243,7 +244,7 @@ class OutputFeedback(Controller):
         self.sizes = {k: v for k, v in policy.sizes.items() if k in self.requires}
 
     def start(self, observation: Observation) -> ObservedState:
-        """At rest, with the policy yet to start."""
+        """Begin at rest; the policy has not started yet."""
         return ObservedState(np.empty(0), None)
 
     def act(self, observation: Observation, state: ObservedState) -> tuple[ndarray, ObservedState]:
@@ -256,7 +257,7 @@ class OutputFeedback(Controller):
     def _estimate(
         self, state: ObservedState | None, action: ndarray, curvature: ndarray
     ) -> ndarray:
-        """Estimate (4, n), at the start of an episode that of rest."""
+        """Estimate (4, n); at rest at the start of an episode."""
         if state is None or state.inner is None:
             return self._observer.start(curvature)
         return self._observer.update(state.estimate, action, curvature)
@@ -264,7 +265,7 @@ class OutputFeedback(Controller):
     def _decide_stacked(
         self, observation: Observation, states: list[ObservedState | None]
     ) -> tuple[ndarray, list[ObservedState]]:
-        """One observer after the other, and the policy as it serves many."""
+        """The observers one after the other, then the policy for all at once."""
         seen = observation["previous_action"], observation["curvature"]
         estimates = [self._estimate(*one) for one in zip(states, *seen, strict=True)]
         full = {**observation, "curvature_rate": np.stack([one[1] for one in estimates])}
@@ -272,7 +273,7 @@ class OutputFeedback(Controller):
         actions, inner = self._policy.predict(full, inner)
         return actions, [ObservedState(*both) for both in zip(estimates, inner, strict=True)]
 
-    # The policy itself holds its actions.
+    # The policy holds its actions itself.
     _go_on = _decide = act
 
 
@@ -324,7 +325,7 @@ def _chain_later(
 
 @kernel
 def _corrected(gain: ndarray, limit: float, out: ndarray, measured: ndarray) -> ndarray:
-    """The estimate after a measurement (n,), from the predicted one (4, n), which is changed."""
+    """The estimate after a measurement (n,), from the prediction (4, n), which is modified."""
     n = len(measured)
     error = measured - out[0]
     for k in range(n):

@@ -1,6 +1,6 @@
 """Reference smoothing: unannounced jumps become motions that a robot can follow.
 
-A jump that the preview shows is left as it is: a law with preview acts ahead of it.
+A jump that the preview shows is left unchanged: a law with preview acts ahead of it.
 """
 
 import numpy as np
@@ -16,13 +16,13 @@ _BRAKE = 4.0
 
 
 def memory_size(dimensions: int) -> int:
-    """Length of what `smoothed` remembers of a reference with so many coordinates."""
+    """Length of the memory of `smoothed` for a reference with so many coordinates."""
     return 4 * dimensions + 2
 
 
 @kernel
 def begin_smoothing(here: ndarray, memory: ndarray) -> None:
-    """Set the memory for a reference that was at a point (d,) [m] until now."""
+    """Initialise the memory for a reference that has been at a point (d,) [m] until now."""
     d = len(here)
     memory[:] = 0
     memory[3 * d + 1] = 1.0
@@ -39,20 +39,20 @@ def smoothed(
     memory: ndarray,
     points: ndarray,
 ) -> None:
-    """Take unannounced jumps out of a reference.
+    """Replace unannounced jumps of a reference by smooth motions.
 
-    What a jump leaves to go decays along a quintic, which goes on with the velocity and
-    acceleration of the motion after an earlier jump, in a time that its accelerations allow.
+    The gap after a jump decays along a quintic, which continues the velocity and acceleration of
+    the motion after an earlier jump, in a time that its acceleration limit allows.
 
     Args:
         period: [s] between two calls.
         target: (d,) [m], present reference.
         times: (k,) [s] ahead, from 0 and one period on.
-        jump: [m], distance from what the preview said that counts as a jump.
+        jump: [m], distance from the previewed point that counts as a jump.
         acceleration: [m/s2], largest of the motion that replaces a jump from rest.
         memory: Offset [m] with velocity and acceleration (d,) each at the jump, age and duration
-            [s] of the motion, reference (d,) announced for now; updated.
-        points: (k, d) [m], references at these times, changed.
+            [s] of the motion, reference (d,) previewed for now; updated.
+            points: (k, d) [m], references at these times, modified.
     """
     d = len(target)
     start, motion, announced = memory[: 3 * d].reshape(3, d), memory[3 * d :], memory[3 * d + 2 :]

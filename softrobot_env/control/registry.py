@@ -1,4 +1,4 @@
-"""Policies by name. What a policy imports is loaded when it is built."""
+"""Policies by name. A policy's own imports are loaded when it is built."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -32,13 +32,13 @@ from .reduced.environment import is_reduced_model, ssm_environment
 
 
 class Acting:
-    """A policy without a state of its own to return, from `act(observation)`.
+    """A policy made from an object with `act(observation)`, which returns no state.
 
-    Its object may keep what it likes between calls: it serves one environment.
+    The object may keep its own state between calls: it serves one environment.
 
     Attributes:
-        name: Of its class.
-        requires: Observables that it is shown, where it says so; else all.
+        name: Name of its class.
+        requires: Observables that it is shown, if it declares them; else all.
     """
 
     def __init__(self, acting: Any) -> None:
@@ -58,11 +58,11 @@ class Acting:
 
 
 class Model:
-    """A model whose `observation_space` says which observables it knows, as stable-baselines3's.
+    """A model whose `observation_space` declares its observables, as in stable-baselines3.
 
     Attributes:
         requires: These observables.
-        predict: Of the model, see `softrobot_env.core.interfaces.Policy`.
+        predict: Method of the model, see `softrobot_env.core.interfaces.Policy`.
     """
 
     def __init__(self, model: Any) -> None:
@@ -76,7 +76,7 @@ def is_policy(made: Any) -> bool:
 
 
 def no_policy(made: Any) -> str:
-    """What is wrong with an object that is no policy."""
+    """Message for an object that is not a policy."""
     return (
         "a policy has predict(observation, state, episode_start, deterministic) or "
         f"act(observation), and {type(made).__name__!r} has neither"
@@ -87,7 +87,7 @@ def as_policy(made: Any, name: str) -> Policy:
     """An object as a policy.
 
     Raises:
-        ValueError: It has neither `predict` nor `act`, or reads a vector of it knows not what.
+        ValueError: It has neither `predict` nor `act`, or reads a vector of unknown contents.
     """
     if not is_policy(made):
         raise OutsideError(f"policy {name!r}: {no_policy(made)}")
@@ -107,8 +107,8 @@ def as_policy(made: Any, name: str) -> Policy:
 #: Ending of the files of trained networks.
 NETWORK = ".npz"
 
-#: What policies may measure: the full state; or tip and curvatures alone, with an observer; or
-#: readings of curvature sensors alone, with their calibration and the observer.
+#: What policies may measure: the full state; or only tip and curvatures, with an observer; or
+#: readings of curvature sensors only, with their calibration and the observer.
 SENSORS = "sensors"
 FEEDBACKS = ("state", "output", SENSORS)
 
@@ -118,15 +118,15 @@ class PolicySpec:
     """How to build a policy, and the environment it is meant for.
 
     Attributes:
-        make: Its factory(nominal robot, control period [s], **options), or the path of one, or a
-            policy that is made already.
+        make: Its factory(nominal robot, control period [s], **options), or its path, or a finished
+            policy.
         options: Keyword arguments of the factory.
-        environment: Keyword arguments of the environment (`control_period`, `preview`) where the
-            policy needs others than the defaults; or a function of the robot, or the path of
-            either. None asks the attribute `environment` of what makes it.
+        environment: Keyword arguments of the environment (`control_period`, `preview`) that differ
+            from the defaults; or a function of the robot, or the path of either. None: the
+            attribute `environment` of the factory.
         package: Package of the extra `mpc` that it needs, or None.
-        robots: Says what a robot lacks that the policy cannot drive, None of any other. What our
-            own policies need of a robot, their factories say.
+        robots: Function that returns what a robot lacks for this policy, or None if it fits. Our
+            own policies check this in their factories.
     """
 
     make: Any
@@ -147,13 +147,13 @@ class PolicySpec:
         return callable(made) and option in signature(made).parameters
 
     def delay_options(self, camera_delay: float | None, delay: float = 0.0) -> dict[str, Any]:
-        """What the factory asks for of what is late.
+        """The delays that the factory takes as arguments.
 
         Args:
-            camera_delay: [s], how late a camera sees, None where there is none. As `tip_delay`, and
-                with it the delay of the actions, after which the tip is seen too, unless the
-                factory asks for that delay itself.
-            delay: [s] of actions, as `action_delay`.
+            camera_delay: [s], of a camera, None without one; passed as `tip_delay`. The delay of
+                the actions, by which the tip is seen later too, is added to it unless the factory
+                takes that delay itself.
+            delay: [s] of actions, passed as `action_delay`.
         """
         asked = {"action_delay": delay} if delay and self.takes("action_delay") else {}
         if not self.takes("tip_delay"):
@@ -165,7 +165,7 @@ class PolicySpec:
 
     @property
     def sees_late(self) -> bool:
-        """Whether the policy knows how late it sees the tip."""
+        """Whether the policy accounts for the delay of the measured tip."""
         return self.takes("tip_delay") or self.takes("action_delay")
 
 
@@ -187,7 +187,7 @@ def _learned_environment(
     return needed(policy, robot, weights)
 
 
-#: Policies of any robot.
+#: Policies for any robot.
 POLICIES: dict[str, PolicySpec] = {
     "hold": PolicySpec("softrobot_env.control.base:Hold"),
     "feedforward": PolicySpec(f"{_FEEDFORWARD}.law:Feedforward"),
@@ -209,13 +209,13 @@ POLICIES: dict[str, PolicySpec] = {
     },
 }
 
-#: Policies of any robot that no comparison takes up unless it is asked to.
+#: Policies for any robot that comparisons include only on request.
 INVERSE_POLICIES: dict[str, PolicySpec] = {
     "inverse_dynamics": PolicySpec(f"{_FEEDFORWARD}.dynamics:InverseDynamics"),
     "hybrid": PolicySpec(f"{_FEEDFORWARD}.dynamics:make_hybrid"),
 }
 
-#: Plans on a model that was learned of a robot's motion by `softrobot train ssm`; one of the rig is
+#: Plans on a model of a robot's motion, learned by `softrobot train ssm`; one for the rig is
 #: shipped.
 REDUCED_POLICIES: dict[str, PolicySpec] = {
     name: PolicySpec(_REDUCED, {"constrained": package is not None}, _SSM, package)
@@ -230,7 +230,7 @@ def installed_policies() -> list[str]:
 
 
 def home_robot(name: str) -> RobotParams:
-    """The named robot that a policy was made for; the default one for all others."""
+    """The named robot that a policy was made for; for all others the default robot."""
     made_for = (entry.robot for entry in ENTRIES.values() if name in entry.policies)
     return next(made_for, None) or default_robot()
 
@@ -257,19 +257,19 @@ def register_policy(
     Args:
         name: Its name.
         make: A class or function (nominal robot, control period [s], **options), its path
-            "package.module:name" or "file.py:name", or a policy that is made already. What it makes
-            must have `predict(observation, state, episode_start, deterministic)`, as models of
+            "package.module:name" or "file.py:name", or a finished policy. The policy must have
+            `predict(observation, state, episode_start, deterministic)`, as models of
             stable-baselines3 have, or `act(observation)`, which returns the action.
-        robots: Which robots it can drive: their names or themselves; or a function that says what
-            a robot lacks, None where it fits. Unless given, any.
-        replace: Whether it may take the place of another policy of this name.
-        environment: Arguments of the environment that it needs (`control_period`, `preview`);
-            unless given those in the attribute `environment` of what makes it.
+        robots: Which robots it can drive: their names or the robots themselves; or a function that
+            returns what a robot lacks, None if it fits. By default any.
+        replace: Whether it may replace another policy of this name.
+        environment: Arguments of the environment that it needs (`control_period`, `preview`); by
+            default those in the attribute `environment` of `make`.
         **options: Keyword arguments of the factory.
 
     Raises:
-        ValueError: The name is taken, or the path is none.
-        TypeError: What is given makes no policy.
+        ValueError: The name is taken, or the path is not valid.
+        TypeError: `make` does not make a policy.
     """
     if isinstance(make, str) and not is_path(make):
         raise ValueError(f"policy {name!r}: {make!r} is not 'package.module:name'")
@@ -288,14 +288,14 @@ def _one_of(robots: tuple[str | RobotParams, ...]) -> Callable[[RobotParams], st
 
 
 def find_policy(which: str, robot: RobotParams | None = None) -> PolicySpec:
-    """The policy of a name, or one's own as `package.module:name`, `file.py:name` or `file.npz`.
+    """The policy of a name, or your own as `package.module:name`, `file.py:name` or `file.npz`.
 
-    A file is that of a trained network, or of `softrobot train ssm`, by which `ssm_mpc` acts. For a
-    robot it is the variant that fits it, where the policy has one.
+    An npz file holds a trained network, or a model of `softrobot train ssm`, which `ssm_mpc` then
+    uses. For a given robot this returns the variant that fits it, where the policy has variants.
 
     Raises:
-        ValueError: Unknown name, the message lists the known ones; or there is no such object or
-            file, or it makes no policy.
+        ValueError: Unknown name (the message lists the known ones), no such object or file, or it
+            does not make a policy.
     """
     if which.endswith(NETWORK):
         return _network_file(Path(which))
@@ -309,7 +309,7 @@ def find_policy(which: str, robot: RobotParams | None = None) -> PolicySpec:
 
 
 def _network_file(path: Path) -> PolicySpec:
-    """The policy of a trained network's file, which says what it reads, or of a learned model."""
+    """The policy of a trained network's file, which declares its inputs, or of a learned model."""
     if not path.is_file():
         raise ValueError(f"no policy at {path}")
     weights = path.resolve()
@@ -321,12 +321,12 @@ def _network_file(path: Path) -> PolicySpec:
 
 
 def policy_name(which: str) -> str:
-    """What a policy is called in reports: its name, or that in its module or file, or its file."""
+    """The name of a policy in reports: its own, the one in its module or file, or its file's."""
     return Path(which).stem if which.endswith(NETWORK) else which.rpartition(":")[2]
 
 
 def fitting_policies(robot: RobotParams, control_period: float = 0.01) -> dict[str, str | None]:
-    """Why a policy cannot drive a robot, by the name of each that is installed; None if it can."""
+    """For each installed policy by name, why it cannot drive a robot; None if it can."""
     ready = [name for name in EVERY_POLICY if name not in POLICIES or name in installed_policies()]
     return {name: incompatibility(name, robot, control_period) for name in ready}
 
@@ -334,11 +334,11 @@ def fitting_policies(robot: RobotParams, control_period: float = 0.01) -> dict[s
 def incompatibility(
     which: str, robot: RobotParams, control_period: float = 0.01, delay: float = 0.0
 ) -> str | None:
-    """What a robot lacks that a policy cannot drive, or make up for a delay [s]; None where it can.
+    """Why a policy cannot drive a robot, or compensate for a delay [s]; None if it can.
 
     Raises:
-        ValueError: As `find_policy`.
-        OutsideError: What a path stands for is no policy, or fails.
+        ValueError: See `find_policy`.
+        OutsideError: The object at a path is not a policy, or fails.
     """
     period = policy_environment(which, robot).get("control_period", control_period)
     try:
@@ -369,28 +369,28 @@ def make_policy(
     delay: float = 0.0,
     **options: Any,
 ) -> Policy:
-    """Build a policy by name, and let it decide a few times for a robot at rest.
+    """Build a policy by name, and warm it up for a robot at rest.
 
-    So what it has to compile or load is done before the first decision that matters.
+    It decides a few times, so that it has compiled and loaded everything before control starts.
 
     Args:
-        name: One of `EVERY_POLICY`, or one's own as `package.module:name`, `file.py:name` or
+        name: One of `EVERY_POLICY`, or your own as `package.module:name`, `file.py:name` or
             `file.npz` of a trained network.
-        robot: The nominal robot, which the policy may know; or an environment that has one, and
-            perhaps a camera, which a factory gets as `tip_delay` if it takes that.
-        control_period: [s] between calls of `predict`; the environment's unless given.
-        feedback: One of `FEEDBACKS`. Policies that use curvature rates get them from an observer
-            under "output" and "sensors"; the others are the same under "output". Under "sensors"
-            tip and curvatures are what calibrated sensors tell (`sensing.reconstruction`); policies
-            that measure nothing are the same.
-        sensors: File of that calibration; found beside the robot's file, or where artifacts are,
-            unless given.
-        delay: [s], known time by which actions are applied late. The policy is shown the robot and
-            the reference as they then will be (`control.delayed`): the environment needs
-            `policy_environment(name, robot, delay)`, and feedback is the state. A factory that
-            takes `tip_delay` gets that of the tip and this one together, or this one as
-            `action_delay` if it takes that too; its policy sees the tip as late as that.
-        **options: Of the policy's factory, besides those of its name.
+        robot: The nominal robot, known to the policy; or an environment that has one, and perhaps a
+            camera, whose delay is passed to factories that take `tip_delay`.
+        control_period: [s] between calls of `predict`; by default the environment's.
+        feedback: One of `FEEDBACKS`. Under "output" and "sensors", policies that use curvature
+            rates get them from an observer. Under "sensors", tip and curvatures are computed from
+            calibrated sensors (`sensing.reconstruction`). Policies that do not measure these are
+            unchanged.
+        sensors: File of that calibration; by default searched for next to the robot's file and
+            among the artifacts.
+        delay: [s], known delay of the actions. The policy is shown the robot and the reference
+            predicted for that time (`control.delayed`): the environment needs
+            `policy_environment(name, robot, delay)`, and the feedback must be the state. A factory
+            that takes `tip_delay` gets the tip's delay plus this one, or this one separately if it
+            also takes `action_delay`; its policy is shown the tip as measured.
+        **options: Of the policy's factory, in addition to those of its name.
 
     Raises:
         ValueError: Unknown name; the message lists the known ones. Or a robot or control period
@@ -436,12 +436,12 @@ def make_policy(
 
 
 def sensors_delay(robot: RobotParams) -> float | None:
-    """How late [s] the slowest of a robot's sensors reads; None where it has none."""
+    """Delay [s] of the slowest of a robot's sensors; None if it has none."""
     return max((sensor.delay for sensor in robot.sensors), default=None)
 
 
 def _warm(policy: Policy, robot: RobotParams) -> Policy:
-    """The policy, after it has decided before that matters, if it can."""
+    """The policy, warmed up if it can be."""
     if hasattr(policy, "warm_up"):
         with outside("policy"):
             policy.warm_up(robot)
@@ -449,7 +449,7 @@ def _warm(policy: Policy, robot: RobotParams) -> Policy:
 
 
 def _check_interface(name: str, env: gymnasium.Env) -> None:
-    """Raise ValueError for an environment that shows or takes what policies by name do not know."""
+    """Raise ValueError for an environment with observations or actions unknown to policies."""
     shown, taken = getattr(env, "observe_as", "dict"), getattr(env, "act_as", "input")
     if (shown, taken) != ("dict", "input"):
         raise ValueError(
@@ -464,7 +464,7 @@ def _made(
     """The policy of an entry.
 
     Raises:
-        ValueError: It cannot drive the robot, or is none.
+        ValueError: It cannot drive the robot, or is not a policy.
     """
     lacks = None if spec.robots is None else spec.robots(robot)
     if lacks:
@@ -485,16 +485,16 @@ def _made(
 def policy_environment(
     name: str, robot: RobotParams | str | None = None, delay: float = 0.0
 ) -> dict[str, Any]:
-    """Keyword arguments that an environment for this policy needs; none if any will do.
+    """Keyword arguments that an environment needs for this policy; empty if the defaults suit it.
 
-    `gymnasium.make("SoftRobot/ArmSwing-v0", **policy_environment("lqi"))` suits the policy.
+    Example: `gymnasium.make("SoftRobot/ArmSwing-v0", **policy_environment("lqi"))`.
 
     Args:
-        name: One of `EVERY_POLICY`, or one's own as `package.module:name`, `file.py:name` or
+        name: One of `EVERY_POLICY`, or your own as `package.module:name`, `file.py:name` or
             `file.npz` of a trained network.
-        robot: The robot that it drives, whose own time some policies go by; or its name or file;
-            the default one unless given.
-        delay: [s] that the policy is to make up for, see `make_policy`.
+        robot: The robot that it drives, or its name or file; some policies decide at multiples of
+            its first mode's period. By default the default robot.
+        delay: [s] that the policy should compensate for, see `make_policy`.
 
     Raises:
         ValueError: Unknown name; the message lists the known ones.

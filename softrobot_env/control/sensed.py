@@ -1,4 +1,4 @@
-"""Policies that read tip or curvatures, where curvature sensors are what tells of them."""
+"""Policies that read tip or curvatures, computed from curvature sensors."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,13 +18,13 @@ _SENSORS, _VELOCITY = "sensors", "tip_velocity"
 
 
 class SensedState(NamedTuple):
-    """What the next call needs.
+    """State between two calls.
 
     Attributes:
         inner: State of the policy.
-        shape: What the sensors tell.
-        velocity: (axes,) [m/s], of the tip, by its difference between the last new readings.
-        passed: [s] since the last.
+        shape: Shape computed from the sensors.
+        velocity: (axes,) [m/s], of the tip, from the difference of the last new readings.
+        passed: [s] since the last new reading.
     """
 
     inner: Any
@@ -32,28 +32,28 @@ class SensedState(NamedTuple):
     velocity: ndarray
     passed: float = 0.0
 
-    #: As of the policy.
+    #: As in the policy.
     status = Held.status
 
 
 class Sensed(Controller):
-    """A policy that is shown what calibrated sensors tell, as late as they read.
+    """A policy that is shown values computed from calibrated sensors, with their delay.
 
-    A reading that is not finite is passed over: the last one stands. The sensors are read in every
-    control period, also while the policy holds its action.
+    A reading that is not finite is ignored: the last one is kept. The sensors are read in every
+    control period, even while the policy holds its action.
     """
 
     def __init__(self, policy: Controller, known: Reconstruction, control_period: float) -> None:
-        """Put sensors before a policy, which may read fewer coordinates of the tip: the first ones.
+        """Wrap a policy, which may read fewer coordinates of the tip: the first ones.
 
         Args:
-            policy: Any controller that reads some of what the sensors tell.
-            known: Their calibration.
+            policy: Any controller that reads quantities that the sensors measure.
+            known: Calibration of the sensors.
             control_period: [s] between calls.
 
         Raises:
-            ValueError: The policy reads nothing that the sensors tell, or something that they were
-                not calibrated for; or the period is not positive.
+            ValueError: The policy reads nothing that the sensors measure, or something that they
+                were not calibrated for; or the period is not positive.
         """
         check_argument("control_period", control_period, Positive)
         sizes = {name: found.weights.shape[1] for name, found in known.maps.items()}
@@ -81,13 +81,13 @@ class Sensed(Controller):
         self.sizes = {**sizes, _SENSORS: known.size}
 
     def start(self, observation: Observation) -> SensedState:
-        """Begin with a robot that was straight, and rests; the policy is yet to start."""
+        """Begin with a straight robot at rest; the policy has not started yet."""
         shape = self._known.begin(observation[_SENSORS])
         still = np.zeros_like(shape.reported[TIP])
         return SensedState(None, shape, still, -self._period)  # the first call is now
 
     def act(self, observation: Observation, state: SensedState) -> tuple[ndarray, SensedState]:
-        """The action of the policy for what the sensors tell."""
+        """The action of the policy for the sensors' readings."""
         state = self._seen(observation[_SENSORS], state)
         seen = state.shape.reported | {_VELOCITY: state.velocity}
         shown = {name: seen[name][:size] for name, size in self._sizes.items()}
@@ -102,7 +102,7 @@ class Sensed(Controller):
         velocity = (shape.reported[TIP] - state.shape.reported[TIP]) / passed
         return state._replace(shape=shape, velocity=velocity, passed=0.0)
 
-    # The policy itself holds its actions.
+    # The policy holds its actions itself.
     _go_on = _decide = act
 
 
@@ -111,11 +111,11 @@ def load_reconstruction(robot: RobotParams, path: str | Path | None = None) -> R
 
     Args:
         robot: As designed.
-        path: Of the file; found unless given, see `artifacts.find_artifact`.
+        path: Of the file; by default searched for, see `artifacts.find_artifact`.
 
     Raises:
-        ValueError: The robot carries no sensors, there is no calibration, or it is of another robot
-            or damaged; the message tells the command that makes it.
+        ValueError: The robot has no sensors, there is no calibration, or it is damaged or belongs
+            to another robot; the message contains the command that makes it.
         FileNotFoundError: No such file.
     """
     if not robot.sensors:

@@ -1,4 +1,4 @@
-"""Tension of tendons where they enter the robot, from what servos or drives tell."""
+"""Tension of tendons where they enter the robot, estimated from signals of servos or drives."""
 
 from typing import NamedTuple
 
@@ -10,17 +10,18 @@ from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 
-#: Share [1] of the robot's length in a second, beyond which it is clear which way a motor turns.
+#: Speed, as a share [1] of the robot's length per second, above which a motor's direction is
+#: certain.
 _TURNS = 1e-3
 
 
 class TensionEstimate(NamedTuple):
-    """What is known of n tendons, (n,) each but for the commands.
+    """Estimates for n tendons, (n,) each except for the commands.
 
     Attributes:
         tension: [N], behind the feed line.
-        least, most: [N], between which friction keeps it.
-        load: (3, n) [N], of the motor or drive, and between which friction of the gear keeps it.
+        least, most: [N], bounds given by the friction.
+        load: (3, n) [N], of the motor or drive, and its bounds given by the friction of the gear.
         place, speed: [m, m/s], of the motor.
         commands: (k, n) [m], the last ones, newest first.
     """
@@ -37,22 +38,23 @@ class TensionEstimate(NamedTuple):
 class TensionObserver:
     """Estimates the tension behind the friction of gears and feed lines.
 
-    A motor's loop has the force P = K (c - x) - D u, of which P tells u. What the loop has given in
-    a period, but for what has made the motor faster, its load has taken:
+    A motor's control loop applies the force P = K (c - x) - D u, from which the velocity u follows.
+    Its impulse over a period, minus the change of the motor's momentum, acts on the load:
 
         int K (c - x) dt - D dx - m du = int (T' + friction sgn u) dt,
 
-    with x between two readings as a cubic. At rest the load T' is what it was, as long as friction
-    holds that. On a spool the tendon has the tension T = T' / (1 + 2 a x). The feed line, with the
-    exponent f, keeps what is behind it between T exp(-f) and T exp(f), one of which it is while the
-    tendon slides; while it sticks, what is told is the last, which the robot may change.
+    with cubic interpolation of x between two readings. At rest the load T' keeps its value as long
+    as friction can hold it. On a spool the tendon has the tension T = T' / (1 + 2 a x). Behind a
+    feed line with the exponent f the tension lies between T exp(-f) and T exp(f), and equals one of
+    them while the tendon slides; while it sticks, the last value is returned, which the robot may
+    change.
 
     Attributes:
-        requires: Observables that it reads.
+        requires: Observables that the observer reads.
     """
 
     def __init__(self, robot: RobotParams, control_period: float) -> None:
-        """Of a robot with tendons, called every control period [s]; ValueError without any."""
+        """Set up for a robot, called every control period [s]; ValueError without tendons."""
         check_argument("control_period", control_period, Positive)
         if not robot.tendons:
             raise ValueError(f"robot {robot.name!r} has no tendons, hence no tension")
@@ -67,7 +69,7 @@ class TensionObserver:
         self._shares, self._first = np.array([[1 - late], [late]]), int(periods)
 
     def start(self, observation: Observation) -> TensionEstimate:
-        """At rest, as if nothing rubbed."""
+        """The estimate at rest, as if there were no friction."""
         load = np.tile(observation[self.requires[0]], (3, 1))
         still = np.zeros_like(load[0])
         place = observation["tendon_length"] if self._by_motor else still
@@ -106,11 +108,11 @@ class TensionObserver:
         return before._replace(load=load, place=place, speed=speed, commands=commands)
 
     def _felt(self, error: ndarray) -> ndarray:
-        """What a loop sees of its error (n,) [m], but for half a count of its encoder."""
+        """The error (n,) [m] seen by a loop, beyond half a count of its encoder."""
         half = self._drive.encoder_step / 2
         return error - np.clip(error, -half, half)
 
     def _behind(self, load: ndarray, place: ndarray) -> tuple[ndarray, ndarray, ndarray]:
-        """What is behind the feed line (n,) [N] where it does not rub, at least and at most."""
+        """The tension behind the feed line (n,) [N] without friction, and its bounds."""
         tension, low, high = np.maximum(load, 0.0) / (1 + 2 * self._drive.layers * place)
         return tension, low / self._ratio, high * self._ratio

@@ -49,30 +49,31 @@ def ahead_of(rate: ndarray, period: float, speed: float, lag: ndarray | float = 
     return late + lag * np.tanh(rate / TURNING)
 
 
-#: What differs at any robot: standard deviation before anything was seen, least and largest value.
-#: Shares of stiffness and of damping, and a weight at the tip, in weights of the robot.
+#: Differences of any robot: initial standard deviation, least and largest value.
+#: For shares of stiffness and of damping, and a weight at the tip, in weights of the robot.
 _ALWAYS = np.array([(0.3, -0.5, 1.0), (0.3, -0.8, 2.0), (0.3, -0.5, 1.0)])
 
-#: The same of an offset of an input, in its full scale, and of how a robot in space is built: turn
-#: of its tendons about the axis [rad], difference of the bending stiffnesses in two directions.
+#: The same for an offset of an input, over its full scale, and for the build of a spatial robot:
+#: rotation of its tendons about the axis [rad], difference of the bending stiffnesses in two
+#: directions.
 _OFFSET, _BUILT = (0.05, -0.5, 0.5), (0.1, -0.5, 0.5)
 
-#: What no difference explains: a share of the reach, for a time over that of the first mode, 1 / w.
-#: It is far more than sensors err by: what is not modelled lasts, and an estimate that follows
-#: faster than the first mode would take motions for differences.
+#: Error that no difference explains: a share of the reach, for a time over that of the first mode,
+#: 1 / w. It is far larger than sensor noise: unmodelled effects last, and an estimate faster than
+#: the first mode would mistake motions for differences.
 _ERROR, _LASTS = 0.01, 10.0
 
-#: Times, over that of the first mode, in which as much is forgotten as was unknown at first.
+#: Time, over that of the first mode, in which the uncertainty grows back to its initial value.
 _FORGETS_OFFSETS, _FORGETS = 300.0, 1000.0
 
 
 class Differences(NamedTuple):
-    """An estimate.
+    """Estimated differences between a robot and its model.
 
     Attributes:
         mean: (n,), shares by which the robot is stiffer and its damping per stiffness larger,
-            weight at its tip [weights of the robot], offsets of the inputs [full scale], and how it
-            is built otherwise (`nearby.Neighbourhood`).
+            weight at its tip [weights of the robot], offsets of the inputs [full scale], and
+            differences of its build (`nearby.Neighbourhood`).
         covariance: (n, n).
     """
 
@@ -96,20 +97,20 @@ class Differences(NamedTuple):
 
 
 class DifferenceFilter:
-    """Kalman filter of `Differences` that walk randomly, about constant.
+    """Kalman filter of `Differences`, modelled as slow random walks.
 
-    An error that there would be without any correction is -G(ways) times the differences, with
-    the ways of the tip by each of them and G the first mode.
+    The error without any correction is -G(ways) times the differences, with the tip's displacement
+    by each of them (ways) and the first mode G.
     """
 
     def __init__(
         self, n_inputs: int, n_built: int, reach: float, frequency: float, period: float
     ) -> None:
-        """Weigh what is seen every `period` [s] of a robot of a `reach` [m].
+        """Set up for a robot of a `reach` [m] that is measured every `period` [s].
 
         Args:
             n_inputs: Of the robot.
-            n_built: Number of ways in which it may be built otherwise.
+            n_built: Number of ways in which its build may differ.
             reach: [m].
             frequency: Angular frequency w [rad/s] of the first mode.
             period: [s] between two updates.
@@ -123,17 +124,17 @@ class DifferenceFilter:
         self._reach, self._lasts = reach, max(1.0, _LASTS / (frequency * period))
 
     def begin(self) -> Differences:
-        """Before anything was seen."""
+        """The estimate before the first measurement."""
         return self._begun
 
     def updated(self, before: Differences, left: ndarray, ways: ndarray, far: float) -> Differences:
-        """After an error was seen.
+        """The estimate after a measured error.
 
         Args:
             before: The last estimate.
-            left: (k,) [m], the error that there would be without any correction.
-            ways: (n, k) [m], of the tip by each difference, as G gives them.
-            far: [m], of the tip from where they hold: what they leave out goes with its square.
+            left: (k,) [m], the error without any correction.
+            ways: (n, k) [m], displacements of the tip by each difference, filtered by G.
+            far: [m], distance of the tip from where they hold: their error grows with its square.
         """
         noise = ((_ERROR * self._reach) ** 2 + (far**2 / self._reach) ** 2) * self._lasts
         covariance = before.covariance + self._walk

@@ -190,7 +190,7 @@ class Neighbourhood:
         change: Path,
         differs: Differences,
     ) -> tuple[ndarray, ndarray, ndarray, ndarray]:
-        """Transition of the modes over a period, and the tip from modes and forces, see `Nearby`."""
+        """Transition of the modes over a period, and the tip from modes and forces (`Nearby`)."""
         by_turns, p = linear.tip_by_turns, self.modes
         carried = differs.weight * self.mass * by_turns.T @ by_turns
         mass, stiffness = self.statics.world.forces.mass() + carried, p.T @ linear.stiffness @ p

@@ -42,7 +42,7 @@ _AHEAD_TIMES = (1 / 24, 1 / 12, 1 / 6, 1 / 3)
 #: change of a servo's action over what the servo can do in a period.
 _FINE, _ROOM = 0.01, 2.0
 
-#: Scale [1] of the inputs in force.
+#: Scale [1] of the current inputs.
 _ACTION = 0.15
 
 #: Largest magnitude of a feature [1].
@@ -171,7 +171,7 @@ class View(Record):
 
     @cached_property
     def encoding(self) -> Encoding:
-        """Its encoding. Errors enter twice: linearly, and compressed so that a tenth of a millimetre counts."""
+        """Errors enter twice: linearly, and compressed so that a tenth of a millimetre counts."""
         at = _places(self.observed)
         tip, reference = at["tip_position"], at["reference"]
         nothing = {name: np.full(len(places), -1) for name, places in at.items()}

@@ -53,7 +53,7 @@ def _features(of: Any, observed: ndarray, out: ndarray) -> None:
 def _decide(
     law: NetworkLaw, observed: ndarray, seen: ndarray, given: ndarray, action: ndarray
 ) -> int:
-    """Write the action (m,) for finite observables; `seen` and `given` are input and output arrays."""
+    """Write the action (m,) for finite observables; `seen` and `given` are work arrays."""
     encoding = law.encoding
     _features(encoding, observed, seen)
     forward(seen, law.parameters, law.sizes, given)

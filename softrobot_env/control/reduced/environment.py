@@ -1,4 +1,4 @@
-"""What plans on a learned model need of an environment, without loading the models themselves."""
+"""What plans on a learned model need of an environment, without loading the models."""
 
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ def is_reduced_model(path: Path) -> bool:
 
 
 def ssm_environment(robot: RobotParams, weights: Path | None = None) -> dict[str, Any]:
-    """The period of a robot's model, and preview; nothing where none was learned."""
+    """The period of a robot's model, and the preview; empty if no model was learned."""
     try:
         data = read_artifact(robot, ARTIFACT, weights)
         with data.fitting():
@@ -37,7 +37,7 @@ def preview_times(period: float, lag: int) -> tuple[float, ...]:
 
     Args:
         period: [s] of a sample of the model.
-        lag: Samples by which inputs act later.
+        lag: Samples by which inputs act late.
     """
     shares = np.linspace(0, 1, _KNOTS + 1)[1:] ** 1.5
     steps = np.unique(np.round(shares * (lag + SAMPLES)).astype(int))

@@ -9,9 +9,9 @@ from softrobot_env.learned.reduction.polynomials import Motion, add_gradient, ad
 
 @kernel
 def outputs(shape: Motion, origin: ndarray, x: ndarray, z: ndarray, slope: ndarray) -> None:
-    """Outputs z (o,) at x (n,), and their change with it, slope (o, n).
+    """Outputs z (o,) at x (n,), and their derivative by x, slope (o, n).
 
-    The shape has polynomials of x alone, of outputs less their origin (o,).
+    The shape holds polynomials in x for the outputs minus their origin (o,).
     """
     count, n = len(shape.parents), len(x)
     z[:] = origin
@@ -31,8 +31,8 @@ def estimate(
 ) -> None:
     """One step of an extended Kalman filter, in place.
 
-    What the model does not explain is taken for inputs that are added to those commanded, and that
-    change slowly: so plans leave no lasting error.
+    Model errors are treated as slowly changing inputs added to the commanded ones, so that plans
+    leave no steady error.
 
     Args:
         motion: The model.
@@ -40,9 +40,9 @@ def estimate(
         disturbance: (m,) of the inputs.
         covariance: (n + m, n + m), of both.
         acted: (m,), inputs that acted since.
-        measured: (n,), the state as the outputs tell it.
-        process: (n + m, n + m), what is added to the covariance in a sample.
-        noise: (n, n), covariance of what is measured.
+        measured: (n,), the state computed from the outputs.
+        process: (n + m, n + m), added to the covariance in a sample.
+        noise: (n, n), covariance of the measurement.
     """
     n, m = len(x), len(disturbance)
     transition, effect = np.empty((n, n)), np.empty((n, m))
@@ -82,7 +82,7 @@ def program(
     last: ndarray,
     smoothness: float,
 ) -> tuple[ndarray, ndarray]:
-    """Hessian (c m, c m) and gradient (c m,) of half a plan's cost, by Gauss and Newton.
+    """Hessian (c m, c m) and gradient (c m,) of half a plan's cost, by Gauss-Newton.
 
     The cost is the sum of the squares of the outputs' errors, and `smoothness` times that of the
     changes of the inputs.
@@ -93,7 +93,7 @@ def program(
         x: (n,), where the plan begins.
         disturbance: (m,).
         weights: (t, c), inputs of the samples are `weights @ nodes`.
-        nodes: (c, m), the plan about which is linearised.
+        nodes: (c, m), the plan to linearise about.
         reference: (t, o), of the outputs after each sample.
         last: (m,), the input before the plan.
         smoothness: See above.

@@ -1,4 +1,4 @@
-"""`ssm_mpc` and `ssm_lq`: plans on a model that was learned from a robot's recorded motion."""
+"""`ssm_mpc` and `ssm_lq`: plans on a model learned from a robot's recorded motion."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,28 +21,28 @@ from ..linear_quadratic import BoundedSolver, lines
 from .environment import ARTIFACT, SAMPLES, preview_times
 from .planning import ahead, estimate, program
 
-#: Shares of a plan's duration at which its inputs are chosen; they are on lines in between.
+#: Shares of a plan's duration at which its inputs are chosen; in between they are interpolated.
 _NODES = (0.0, 0.04, 0.09, 0.15, 0.22, 0.3, 0.4, 0.5, 0.62, 0.75, 1.0)
 
-#: Share of the drives' speed for what the model does not know.
+#: Share of the drives' speed reserved for inputs that the model does not contain.
 _ASIDE = 0.4
 
 #: [m2], weight of the sum of squared changes of actions in a sample.
 _SMOOTHNESS = 1e-2
 
-#: What no observable in SI units exceeds that makes sense.
+#: Bound on plausible observables, in SI units.
 _ABSURD = 1e5
 
 
 @dataclass(frozen=True)
 class Learned(ReducedModel):
-    """A model, and how far it can be trusted.
+    """A model, with its errors and the range of its training data.
 
     Attributes:
-        process: (n + m, n + m), covariance of what it errs by in a sample, and of its inputs.
-        noise: (n, n), covariance of states that outputs tell.
-        lower, upper: (m,), reduced inputs that it was learned from.
-        farthest: [m], of outputs that it was learned from, from their origin.
+        process: (n + m, n + m), covariance of its error in a sample, and of its inputs.
+        noise: (n, n), covariance of states computed from outputs.
+        lower, upper: (m,), range of the reduced inputs in its training data.
+        farthest: [m], largest distance of training outputs from their origin.
     """
 
     process: ndarray
@@ -53,7 +53,7 @@ class Learned(ReducedModel):
 
     @classmethod
     def read(cls, data: Arrays) -> "Learned":
-        """As `ReducedModel.read`."""
+        """See `ReducedModel.read`."""
         model = super().read(data)
         n, m = model.dimension, model.basis.shape[1]
         shapes = {"process": (n + m, n + m), "noise": (n, n), "lower": (m,), "upper": (m,)}
@@ -62,11 +62,11 @@ class Learned(ReducedModel):
 
 
 class _Past(NamedTuple):
-    """What the policy remembers.
+    """Memory of the policy.
 
     Attributes:
-        tips: (delays, o) [m], seen last, the newest first.
-        inputs: (lag + 1, m) reduced inputs, the oldest first.
+        tips: (delays, o) [m], measured last, newest first.
+        inputs: (lag + 1, m) reduced inputs, oldest first.
         x, disturbance, covariance: See `planning.estimate`.
         nodes: (c, m), the plan.
         code: Key of `REASONS`.
@@ -97,20 +97,21 @@ class ReducedPlanner(base.Controller):
         tip_delay: float = 0.0,
         action_delay: float = 0.0,
     ) -> None:
-        """Load what was learned.
+        """Load the learned model.
 
         Args:
             robot: Nominal robot.
-            control_period: [s] between calls, a whole part of the model's period.
-            constrained: Whether plans keep the limits of actions, of the drives' speed, and of the
-                inputs that the model was learned from; else the first action is cut off there.
-            weights: File; found unless given, see `artifacts.find_artifact`.
-            tip_delay: [s], how late the tip is seen, in training as here.
-            action_delay: [s], how late actions are applied, not in training: a multiple of the
-                model's period. The reference is shown as it is when they are.
+            control_period: [s] between calls, a whole fraction of the model's period.
+            constrained: Whether plans respect the limits of actions, of the drives' speed, and of
+                the inputs in the training data; otherwise the first action is clipped there.
+            weights: File; by default searched for, see `artifacts.find_artifact`.
+            tip_delay: [s], delay of the measured tip, in training as here.
+            action_delay: [s], delay of the actions that was not in the training data, a multiple of
+                the model's period. The reference is shown for the time when they act.
 
         Raises:
-            ValueError: Nothing was learned of this robot, or another control period, or delay.
+            ValueError: There is no model of this robot, or the control period or delay does not fit
+                it.
             FileNotFoundError: No such file.
             ImportError: The solver of constrained plans is not installed.
         """
@@ -141,7 +142,7 @@ class ReducedPlanner(base.Controller):
         self._solve = BoundedSolver() if constrained else None
 
     def start(self, observation: Observation) -> _Past:
-        """At rest where the tip is seen, or where the model rests if that makes no sense."""
+        """Begin at rest at the measured tip, or at the model's rest if that is implausible."""
         model = self._model
         tip = np.array(observation["tip_position"], float)
         tip = tip if (np.abs(tip) < _ABSURD).all() else model.origin
@@ -216,7 +217,7 @@ class ReducedPlanner(base.Controller):
     def _step(
         self, hessian: ndarray, gradient: ndarray, nodes: ndarray, before: ndarray, aside: ndarray
     ) -> ndarray | None:
-        """What to add to the plan; None if there is nothing finite."""
+        """Change of the plan; None if it is not finite."""
         if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):
             return None
         hessian = hessian + 1e-9 * np.trace(hessian) / len(hessian) * np.eye(len(hessian))
@@ -246,10 +247,9 @@ class ReducedPlanner(base.Controller):
         return None if found is None else found.reshape(nodes.shape)
 
     def _aside(self, before: ndarray, inputs: ndarray) -> ndarray:
-        """What is left of an action's part that the model does not know, on the way to none.
+        """The component of an action outside the model's inputs, decaying to zero.
 
-        Episodes may start elsewhere than where the model's motion did: tendons less taut, for
-        instance.
+        Episodes may start elsewhere than the training data: with tendons less taut, for instance.
         """
         model = self._model
         aside = before - model.rest - model.basis @ inputs

@@ -1,4 +1,4 @@
-"""What laws on a table of operating points share: files, observables, and what a kernel needs."""
+"""Common parts of laws on a table of operating points: files, observables, kernel data."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -24,19 +24,19 @@ from .timing import Timing, timing_of
 #: Rates [1] of the estimates, times the period [s] of the first mode.
 _FORCE_RATE, _OFFSET_RATE = 60.0, 120.0
 
-#: Largest share of an estimate that one decision renews.
+#: Largest share of an estimate that one decision updates.
 _AT_ONCE = 0.3
 
-#: Moment [1], over the tension, below which tendons pull against each other.
+#: Moment [1], over the tension, below which tendons count as antagonists.
 _OPPOSED = 1e-6
 
-#: Gains of a law at an operating point: function of the point and the directions.
+#: Gains of a law at an operating point, as a function of the point and the directions.
 Design = Callable[[operating_points.Equilibrium, ndarray], ndarray]
 
 
 @structure
 class Law(NamedTuple):
-    """What the kernel of a law needs of a robot.
+    """Robot data for the kernel of a law.
 
     Attributes:
         table: Its operating points.
@@ -44,18 +44,18 @@ class Law(NamedTuple):
         nodes: (c,) [s], see `Timing`.
         period: [s] between decisions.
         first: [s], period of the first mode.
-        force, offset: [1], shares of their estimates that a decision renews; 0 without them.
+        force, offset: [1], shares of their estimates that a decision updates; 0 without them.
         speed: (m,) [1], largest change of an action in a period.
-        stiffness: (m,) [N], tension per action of tendons that are driven by length, else zeros.
-        most: (m,) [N], largest force of servos at rest, over the pretension; inf of other drives.
-        shares: (k, m) [1], what each tendon of a group gets of the sum of the tensions by which
-            they pull against each other without a moment, which keeps them taut; no groups of a
-            robot driven by tension.
+        stiffness: (m,) [N], tension per action for tendons driven by length, else zeros.
+        most: (m,) [N], largest force of servos at rest, beyond the pretension; inf for other
+            drives.
+        shares: (k, m) [1], share of each tendon of a group in the antagonistic tension, which
+            causes no moment and keeps the tendons taut; no groups for robots driven by tension.
         reach: [m], of the robot.
-        curved: Share of the first mode's period. What is farther ahead is looked up; before that,
-            the actions at rest are taken to be linear in the way of the tip.
+        curved: Share of the first mode's period. Beyond this horizon equilibria are looked up;
+            within it, the actions at rest are taken as linear in the displacement of the tip.
         adaptive: Whether to estimate the stiffness.
-        planar: Whether the tip can be asked for in the x-z plane alone.
+        planar: Whether the tip can be controlled in the x-z plane only.
     """
 
     table: Table
@@ -76,14 +76,14 @@ class Law(NamedTuple):
 
 
 class ScheduledLaw(Controller):
-    """A law on a table of operating points, which decides in a kernel.
+    """A law on a table of operating points, evaluated in a kernel.
 
-    The actions in force are those commanded; of a robot driven by length, those that its servos
+    The current actions are the commanded ones; for a robot driven by length, those that its servos
     have reached, so that nothing winds up where they are too slow.
 
     Attributes:
         name: Of the policy, and of the file of its table.
-        observables: That it reads, besides the actions in force.
+        observables: Those it reads, in addition to the current actions.
         curved: See `Law`.
     """
 
@@ -100,19 +100,19 @@ class ScheduledLaw(Controller):
         adaptive: bool = False,
         estimate: bool = True,
     ) -> None:
-        """Put together what the kernel needs.
+        """Assemble the data of the kernel.
 
         Args:
             robot: Nominal robot.
             control_period: [s] between calls.
-            gains: File of the table, or a reference to it; found unless given, see `table`.
-            timing: Of the law; that of the robot unless given.
+            gains: File of the table, or a reference to it; by default searched for, see `table`.
+            timing: Of the law; by default that of the robot.
             adaptive: Whether to estimate the stiffness.
-            estimate: Whether to estimate what the model leaves unexplained.
+            estimate: Whether to estimate model errors.
 
         Raises:
-            ValueError: No table of this robot, or the law's period is no multiple of the control
-                period.
+            ValueError: There is no table for this robot, or the law's period is not a multiple of
+                the control period.
             FileNotFoundError: No such file.
         """
         table = self.table(robot, gains) if isinstance(gains, str | Path | None) else gains
@@ -153,17 +153,17 @@ class ScheduledLaw(Controller):
     @classmethod
     @abstractmethod
     def design(cls, robot: RobotParams) -> Any:
-        """A `Design` of the gains, which says by `count` how many there are."""
+        """A `Design` of the gains; its `count` gives their number."""
 
     @classmethod
     def table(cls, robot: RobotParams, gains: str | Path | None = None) -> Any:
-        """Reference to the table of a robot, of a file; see `artifacts.find_artifact` without."""
+        """Reference to a robot's table, from a file or from `artifacts.find_artifact`."""
         data = read_artifact(robot, cls.name, gains)
         with data.fitting():
             return read_table(data, cls.design(robot).count)
 
     def _applied(self, observation: Observation) -> ndarray:
-        """Actions (m,) in force."""
+        """The current actions (m,)."""
         found = observation[self._in_force]
         return found / self._own.input_scale if self._pulled else found
 
@@ -184,17 +184,17 @@ class ScheduledLaw(Controller):
             raise ValueError(f"{type(self).__name__} needs an environment with preview={ahead}")
 
     def _seen(self, observation: Observation) -> list[ndarray]:
-        """What the kernel reads, contiguous, and the actions in force."""
+        """The kernel's inputs as contiguous arrays, and the current actions."""
         seen = (*(observation[name] for name in self.observables), self._applied(observation))
         return [np.ascontiguousarray(value) for value in seen]
 
     def _begun(self, observation: Observation) -> ndarray:
-        """Actions (m,) that an episode begins with."""
+        """Actions (m,) at the beginning of an episode."""
         return usable(self._applied(observation))
 
 
 def _strongest(robot: RobotParams) -> ndarray:
-    """`most` of a `Law`; friction of a gear holds against the motor."""
+    """`most` of a `Law`; the friction of a gear opposes the motor."""
     drive, pretension = robot.drive, robot.of_tendons("pretension")
     if drive.kind == "tension":
         return np.full(robot_inputs(robot).n_inputs, np.inf)
@@ -218,12 +218,12 @@ def _taut(robot: RobotParams) -> tuple[ndarray, ndarray]:
 
 @kernel
 def tighten(law: Law, curvature: ndarray, action: ndarray) -> None:
-    """Pull tendons against each other where one of them would be slacker than its pretension.
+    """Add antagonistic tension where a tendon would be slacker than its pretension.
 
     Args:
-        law: Whose tendons they are.
+        law: The law, with data of the tendons.
         curvature: (n,) [1/m].
-        action: (m,) [1], changed.
+        action: (m,) [1], modified.
     """
     shares = law.shares
     if len(shares) == 0:
@@ -240,7 +240,7 @@ def tighten(law: Law, curvature: ndarray, action: ndarray) -> None:
 
 @kernel
 def strongest(law: Law, curvature: ndarray) -> ndarray:
-    """Actions (m,) [1] at which servos are at the limit of their force, for curvatures (n,)."""
+    """Actions (m,) [1] at which servos reach their force limit, for curvatures (n,)."""
     loose, out = law.table.moment_arms @ curvature, np.full(len(law.most), np.inf)
     for j in range(len(out)):
         if np.isfinite(law.most[j]):
@@ -250,9 +250,9 @@ def strongest(law: Law, curvature: ndarray) -> ndarray:
 
 @kernel
 def in_space(place: ndarray, planar: bool, out: ndarray) -> None:
-    """Set out (3,) to a place of two or three coordinates: x, z of a planar robot, x, y of others.
+    """Set out (3,) to a point of two or three coordinates: x, z of a planar robot, x, y of others.
 
-    The one that is missing is zero.
+    A missing coordinate is zero.
     """
     if len(place) == 3:
         out[:] = place
@@ -268,13 +268,13 @@ def build_table(
     points: operating_points.OperatingPoints,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Any:
-    """Reference to the table of a robot with the gains of a law.
+    """Build a robot's table with the gains of a law, and return a reference to it.
 
     Args:
-        robot: Its nominal robot.
+        robot: The nominal robot.
         design: Gains (k,) at a point.
         points: Its operating points.
-        progress: Called with the numbers of steps done and of all.
+        progress: Called with the numbers of finished and of all steps.
     """
     rows = []
     for done, point in enumerate(points.points):
@@ -283,7 +283,7 @@ def build_table(
     first = points.points[0]
     moment_arms = np.zeros((len(first.action), len(first.curvature)))
     if robot.drive.kind == "length":
-        # A copy lies in memory as one from a file does: kernels are compiled for one layout.
+        # A copy has the same memory layout as a table from a file: kernels are compiled for one.
         moment_arms = (first.model.inputs / robot_inputs(robot).input_scale).T.copy()
     return reference(
         Table(
@@ -311,7 +311,7 @@ _ARRAYS = {
 def save_table(path: Path, table: Any, robot: RobotParams, errors: ndarray) -> None:
     """Write the table of a robot with its operating points' errors (points,) [m].
 
-    In single precision, far finer than it needs to be.
+    In single precision, which is more than enough.
     """
     arrays = {name: getattr(table, name).astype(np.float32) for name in _ARRAYS}
     sizes = np.array([table.n, table.m])
@@ -323,11 +323,10 @@ def read_table(data: Arrays, count: Callable[[int, int, int], int]) -> Any:
 
     Args:
         data: Its arrays.
-        count: Number of gains that a law has at a point, for n curvatures, m actions and k
-            directions.
+        count: Number of gains of a law at a point, for n curvatures, m actions and k directions.
 
     Raises:
-        ValueError: The file is damaged, or of another law or version.
+        ValueError: The file is damaged, or belongs to another law or version.
     """
     data.check_finite()
     data.check_shapes(_ARRAYS | {"sizes": (2,)})

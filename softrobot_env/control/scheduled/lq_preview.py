@@ -1,12 +1,12 @@
 """LQ tracking with reference preview, offset-free and, if wanted, adaptive in the stiffness.
 
-What it adds to the thesis' LQI: the coming reference enters the law; the equilibrium it deviates
-from moves with the reference; unannounced jumps are smoothed; and in place of the integral of the
-error, which overshoots, what the model leaves unexplained is estimated and compensated.
+It extends the thesis' LQI: the future reference enters the law; the equilibrium about which it
+regulates moves with the reference; unannounced jumps are smoothed; and instead of integrating the
+error, which overshoots, model errors are estimated and compensated.
 
-Of the planar arm the statics are solved in closed form (`control.arm.operating_points`), and the
-gains belong to thirds of the backbone; of other robots equilibria are looked up, and the gains
-belong to places of the tip.
+For the planar arm the statics are solved in closed form (`control.arm.operating_points`), and the
+gains belong to thirds of the backbone; for other robots equilibria are looked up, and the gains
+belong to positions of the tip.
 """
 
 from numpy import ndarray
@@ -28,9 +28,9 @@ class LQPreview(aiming.AimingLaw):
     """a = a_OP + da_OP - K (x - x_OP, a- - a_OP) + sum_i G_i (r_i - r_0 - t_i r.).
 
     x_OP and a_OP hold the tip at the present reference r_0 and move with it at its velocity r.;
-    a- is the action in force, r_i the reference at the time t_i ahead. What the model leaves
-    unexplained is estimated from the actions really in force, and compensated: a shift of the
-    curvatures, an offset of the tip, and, if `adaptive`, the stiffness.
+    a- is the current action, r_i the reference at the time t_i ahead. Model errors are estimated
+    from the actions actually applied, and compensated: a shift of the curvatures, an offset of the
+    tip, and, if `adaptive`, the stiffness.
     """
 
     name = "lq_preview"
@@ -57,7 +57,7 @@ def _act(
     preview: ndarray,
     previous: ndarray,
 ) -> tuple[ndarray, ndarray, int]:
-    """Action (m,), next memory and code; arrays one by one are quicker to call with."""
+    """Action (m,), next memory and code; separate arrays make the call faster."""
     seen = aiming.Seen(curvature, rate, tip, target, preview, previous)
     memory = memory.copy()
     if not aiming.seen_well(seen):
@@ -73,7 +73,7 @@ class Preview:
     """The gains of `LQPreview` for one robot, as `plan_gains` lays them out."""
 
     def __init__(self, robot: RobotParams, timing: Timing | None = None) -> None:
-        """Of any robot: its drives' speed counts; at the times of the robot unless given."""
+        """Set up for any robot, whose drive speed is used; by default at the times of the robot."""
         self._robot, self._timing = robot, timing or timing_of(robot)
 
     def count(self, n: int, m: int, directions: int) -> int:

@@ -21,11 +21,11 @@ from .timing import timing_of
 
 #: Weights of the cost int (|e|^2 + i (T g)^2 |a|^2) dt, with e the integral of the tip's error
 #: [m s], T the period of the first mode, a the actions' distance from those at rest, and g [m] how
-#: far an action of one moves the tip. About the ratio of the arm's table (`thesis`).
+#: far an action of one moves the tip. Their ratio is about that of the arm's table (`thesis`).
 _INPUT_WEIGHT = 5e-4
 
-#: Decay of the integrals in the design, over T: where a direction cannot be asked for, as the
-#: height of a straight robot, gains would not exist without.
+#: Decay of the integrals in the design, over T: without it there are no gains where a direction
+#: cannot be controlled, such as the height of a straight robot.
 _LEAK = 0.1
 
 #: Damping of the inverse of the tip's derivative by actions.
@@ -36,9 +36,10 @@ class LQI(ScheduledLaw):
     """a = a_OP - K (x - x_OP) - K_i int (z - z_ref) dt, corrected (6.28).
 
     x holds curvatures and their rates; x_OP and a_OP are the equilibrium with the tip at the
-    reference, followed continuously (the printed law takes it at the measured curvatures, which
-    cancels the position feedback: audit). The error is not integrated where that would drive an
-    action (further) beyond its limit, nor by the arm's law where the reference is out of reach.
+    reference, followed continuously (the printed law uses the equilibrium at the measured
+    curvatures, which cancels the position feedback: see the audit). The error is not integrated
+    where that would drive an action (further) beyond its limit, nor, in the arm's law, where the
+    reference is out of reach.
     """
 
     name = "lqi"
@@ -107,13 +108,13 @@ def _act(
 
 
 class Resting(NamedTuple):
-    """Where a law wants to be.
+    """The equilibrium that a law regulates to.
 
     Attributes:
         action: (m,) [1], which holds the tip at the reference, or near it.
         curvature: (n,) [1/m], at rest under that.
         gains: Of the law.
-        status_code: Why the law may do otherwise than is wanted, a code of `status`.
+        status_code: Why the law may miss its target, a code of `status`.
         integrates: Whether the error may be integrated.
     """
 
@@ -130,9 +131,9 @@ def resting(table: Any, law: Any, target: Any, held: Any, curvature: Any) -> Any
 
     Args:
         table: The operating points.
-        law: Whose they are.
+        law: The law that they belong to.
         target: (3,) [m].
-        held: (m,) [1], actions of the equilibrium before, updated.
+        held: (m,) [1], actions of the previous equilibrium, updated.
         curvature: (n,) [1/m], now.
     """
     raise NotImplementedError
@@ -165,7 +166,7 @@ class Integral:
     """The gains of `LQI` for one robot."""
 
     def __init__(self, robot: RobotParams) -> None:
-        """Of any robot, in the time of its first mode."""
+        """Set up for any robot, with times scaled by its first mode."""
         self._first = timing_of(robot).first
 
     def count(self, n: int, m: int, directions: int) -> int:
@@ -176,11 +177,11 @@ class Integral:
         """Gains [K, K_i] (m, 2 n + k) at an operating point, for directions (k, 3), flattened."""
         n, first = len(point.curvature), self._first
         a, b, tip = point.model.state_space()
-        size = np.repeat([1.0, 1 / first], n)  # of states, so that they are of like order
+        size = np.repeat([1.0, 1 / first], n)  # of states, so that they are of similar size
         place = directions @ tip
         k = len(place)
         gain = np.linalg.norm(place[:, :n] @ point.by_action) / np.sqrt(k)  # m
-        # In the time of the first mode.
+        # With times scaled by the first mode.
         system = first * a * size / size[:, None], first * b / size[:, None]
         found = integral_gains(system, place * size, _INPUT_WEIGHT * gain**2, leak=_LEAK)
         return (found / np.concatenate([size, np.full(k, first)])).ravel()

@@ -1,10 +1,9 @@
 """Model predictive control of any robot: an LQ plan, corrected for what its drives can do.
 
-The plan that `LQPreview` would follow is the optimum of a linear model and a quadratic cost without
-end. Actions a at some nodes ahead that differ from the plan a* cost (a - a*)' H (a - a*) more; of
-those within the limits of actions, of the speed and force of the servos and of the tension of
-tendons that must stay taut, the ones that cost least are taken. So where no limit is met, the law
-is LQ's.
+The plan that `LQPreview` would follow is the optimum for a linear model and a quadratic cost over
+an infinite horizon. Actions a at some nodes ahead that differ from the plan a* cost (a - a*)' H (a
+- a*) more; the cheapest ones are taken that respect the limits of actions, of the servos' speed and
+force, and of the tension of tendons that must stay taut. Where no limit is active, the law is LQ's.
 """
 
 from dataclasses import dataclass
@@ -26,22 +25,22 @@ from .lq_preview import Preview
 from .plan_gains import Regulator, deviation_cost
 from .timing import Timing, knots_until, timing_of
 
-#: Share of the first mode's period, ahead of which actions at rest are looked up.
+#: Share of the first mode's period beyond which actions at rest are looked up.
 _CURVED = 0.05
 
-#: [1], how far an action may be from a bound that it is said to be at.
+#: [1], distance from a bound within which an action counts as being at it.
 _AT_BOUND = 1e-9
 
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """Horizon of a model predictive controller, in the period of the robot's first mode.
+    """Horizon of a model predictive controller, in units of the period of the robot's first mode.
 
     Attributes:
         period: [1] between decisions; None: the control period of `timing_of`.
-        nodes: (c,) [1], times of the planned actions, after the first which is one period ahead.
-        preview: [1], how far ahead the reference is seen; None: not at all.
-        estimate: Whether to estimate what the model leaves unexplained.
+        nodes: (c,) [1], times of the planned actions after the first, which is one period ahead.
+        preview: [1], how far ahead the reference is seen; None: no preview.
+        estimate: Whether to estimate model errors.
     """
 
     period: float | None
@@ -50,7 +49,7 @@ class PlanSettings:
     estimate: bool
 
     def timing(self, robot: RobotParams) -> Timing:
-        """When the controller of a robot decides, what it sees and what it plans."""
+        """The times at which a robot's controller decides, sees the reference and plans actions."""
         own = timing_of(robot)
         first, period = own.first, own.period
         if self.period is not None:
@@ -61,11 +60,11 @@ class PlanSettings:
         return Timing(first, period, knots, nodes)
 
 
-#: As the thesis' (sec. 6.5): twelve decisions in the first mode's period, three actions over five
+#: As in the thesis (sec. 6.5): twelve decisions in the first mode's period, three actions over five
 #: of them, no preview and no estimates.
 THESIS = PlanSettings(1 / 12, (2 / 12, 5 / 12), None, False)
 
-#: With preview and estimates. More than two nodes follow no better, and need larger tables.
+#: With preview and estimates. More than two nodes do not track better, and need larger tables.
 PREVIEW = PlanSettings(None, (0.15,), 1.0, True)
 
 
@@ -78,11 +77,11 @@ class Constrained(Preview):
     """The gains of `ScheduledMPC`: those of a plan, then the lower triangle of H."""
 
     def __init__(self, robot: RobotParams, settings: PlanSettings = PREVIEW) -> None:
-        """Of any robot: its drives' speed counts."""
+        """Set up for any robot, whose drive speed is used."""
         super().__init__(robot, settings.timing(robot))
 
     def count(self, n: int, m: int, directions: int) -> int:
-        """As of `Preview`."""
+        """See `Preview`."""
         size = len(self._timing.nodes) * m
         return super().count(n, m, directions) + size * (size + 1) // 2
 
@@ -93,13 +92,13 @@ class Constrained(Preview):
 
 
 class Program(NamedTuple):
-    """What is to be optimised: actions (c, m) at the nodes.
+    """A quadratic program for the actions (c, m) at the nodes.
 
     Attributes:
         wanted: (c m,) [1], the plan.
         hessian: H (c m, c m).
         lower, upper: (c m,) [1].
-        fine: Whether the plan keeps all limits.
+        fine: Whether the plan respects all limits.
         status_code: See `TrackingTarget`.
     """
 
@@ -117,15 +116,15 @@ class ScheduledMPC(aiming.AimingLaw):
     name, curved, settings = "mpc_preview", _CURVED, PREVIEW
 
     def __init__(self, robot: RobotParams, control_period: float, gains: Any = None) -> None:
-        """Prepare for a robot, and decide once, so that all is compiled.
+        """Prepare for a robot, and decide once so that everything is compiled.
 
         Args:
             robot: Nominal robot.
             control_period: [s] between calls.
-            gains: As of `ScheduledLaw`.
+            gains: See `ScheduledLaw`.
 
-        Raises:
-            ValueError, FileNotFoundError: As there.
+            Raises:
+                ValueError, FileNotFoundError: As there.
             ImportError: The solver of the quadratic programs is not installed.
         """
         timing, estimate = self.settings.timing(robot), self.settings.estimate
@@ -140,7 +139,7 @@ class ScheduledMPC(aiming.AimingLaw):
         return Constrained(robot, cls.settings)
 
     def _warm_up(self) -> None:
-        """Decide about a reference that is far enough away to meet the limits."""
+        """Decide for a reference far enough away to activate the limits."""
         table = self._law.table
         far = np.full(3, 10 * self._law.reach)
         observation = {name: np.zeros(size) for name, size in self.sizes.items()}
@@ -150,7 +149,7 @@ class ScheduledMPC(aiming.AimingLaw):
         self.act(observation, self.start(observation))
 
     def act(self, observation: Observation, state: Memory) -> tuple[ndarray, Memory]:
-        """The first of the best actions; the last one is kept where they could not be found."""
+        """The first of the optimal actions; the last action is kept if none were found."""
         *shown, previous = self._seen(observation)
         none = [shown[0][:0]] if len(self._law.times) == 1 else []  # no preview
         seen = aiming.Seen(*shown, *none, previous)
@@ -177,7 +176,7 @@ class ScheduledMPC(aiming.AimingLaw):
 
 
 class WithoutPreview(ScheduledMPC):
-    """With the thesis' horizon, no preview and no estimate of what the model leaves unexplained."""
+    """`ScheduledMPC` with the thesis' horizon, without preview and estimates of model errors."""
 
     name, settings = "mpc", THESIS
     observables = ScheduledLaw.observables
@@ -186,7 +185,8 @@ class WithoutPreview(ScheduledMPC):
 def _speed_rows(law: Law) -> tuple[ndarray, ndarray]:
     """Rows (r, c m) that give changes of actions between nodes, and the largest changes (r,) [1].
 
-    None where drives follow at once. The first change is kept by bounds of the first action.
+    No rows for drives that follow at once. The first change is limited by the bounds of the first
+    action.
     """
     m, count = law.table.m, len(law.nodes)
     if not np.isfinite(law.speed).all():
@@ -198,7 +198,7 @@ def _speed_rows(law: Law) -> tuple[ndarray, ndarray]:
 
 @kernel
 def _program(law: Law, memory: ndarray, seen: aiming.Seen) -> Program:
-    """What is to be optimised; the memory is updated."""
+    """The program to solve; the memory is updated."""
     aim = aiming.aimed(law.table, law, memory, seen)
     plan = aiming.planned(law, aim)
     count, m = plan.shape
@@ -228,12 +228,12 @@ def _program(law: Law, memory: ndarray, seen: aiming.Seen) -> Program:
 def _bound_first(
     law: Law, curvature: ndarray, previous: ndarray, lower: ndarray, upper: ndarray
 ) -> None:
-    """Set the bounds of the first actions: what drives can reach in a period, and taut tendons."""
+    """Set the bounds of the first actions: within reach of the drives, and tendons taut."""
     loose = law.table.moment_arms @ curvature
     for j in range(len(previous)):
         here = min(max(previous[j], -1.0), 1.0)
         lower[j] = max(here - law.speed[j], -1.0)
-        upper[j] = max(min(here + law.speed[j], upper[j]), lower[j])  # too fast to be too strong
+        upper[j] = max(min(here + law.speed[j], upper[j]), lower[j])  # speed before force
         if law.stiffness[j] > 0:
             taut = loose[j] / law.stiffness[j]
             lower[j] = min(max(lower[j], taut), upper[j])
@@ -241,7 +241,7 @@ def _bound_first(
 
 @kernel
 def _bent_by(law: Law, aim: aiming.TrackingTarget, time: float) -> ndarray:
-    """(n,) [1/m], how much the curvatures change with the reference until a time [s]."""
+    """(n,) [1/m], change of the curvatures with the reference until a time [s]."""
     way = time * aim.velocity
     for k in range(1, len(law.times)):
         before, after = law.times[k - 1], law.times[k]

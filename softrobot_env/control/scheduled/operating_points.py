@@ -1,8 +1,8 @@
-"""Operating points of any robot: equilibria all over its workspace, as few as an error allows.
+"""Operating points of any robot: equilibria throughout its workspace, as few as an error allows.
 
-A point says to first order how the inputs and the shape change with the place of the tip. Between
-points these predictions are blended (`table.look_up`). Of many equilibria those become points where
-the tip, held by the blend of the points there are, would be farthest off.
+A point gives to first order how the inputs and the shape change with the position of the tip.
+Between points these predictions are blended (`table.look_up`). Out of many equilibria, those become
+points where the blend of the existing points has the largest tip error.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,23 +26,23 @@ from softrobot_env.scene.registry import model_scene
 
 from .table import Table, look_up
 
-#: Equilibria that are looked for, and the most of them that become points.
+#: Number of equilibria computed, and the most of them that become points.
 CANDIDATES, MOST = 600, 250
 
-#: Error of the tip, over the reach, below which no more points are taken.
+#: Error of the tip, over the reach, below which no more points are added.
 TOLERANCE = 5e-4
 
 #: Damping of the inverse of the tip's derivative by actions, over its largest singular value.
 _DAMPING = 1e-2
 
-#: Parts of the candidates that lie where tasks take place, and what errors elsewhere count.
+#: Share of the candidates in the region of the tasks, and the weight of errors elsewhere.
 _ON_GROUND, _OUTSIDE = 0.5, 0.2
 
 
-#: [1], distance as actions below which two equilibria are one and the same.
+#: [1], distance in actions below which two equilibria are the same.
 _ALIKE = 1e-6
 
-#: Neighbours, for each of its terms, that the second order of an equilibrium is fitted to.
+#: Number of neighbours per term to which the second order of an equilibrium is fitted.
 _PER_TERM = 3
 
 
@@ -54,9 +54,9 @@ class Equilibrium(NamedTuple):
         curvature: (n,) [1/m].
         tip: (3,) [m].
         model: The linear model about it.
-        by_action: X (n, m) [1/m], how the curvature follows the actions at rest.
-        to_action: P (m, 3) [1/m], actions of least norm that move the tip along the directions
-            that can be asked for, with some damping.
+        by_action: X (n, m) [1/m], derivative of the curvature by the actions at rest.
+        to_action: P (m, 3) [1/m], actions of least norm that move the tip along the controllable
+            directions, with some damping.
         second: (m + n + 3, terms), see `table.Row`.
     """
 
@@ -78,12 +78,12 @@ AtRest = tuple[ndarray, ndarray, ndarray, LinearModel]
 
 
 class OperatingPoints(NamedTuple):
-    """Equilibria that stand for a workspace.
+    """Equilibria that represent a workspace.
 
     Attributes:
         points: The equilibria.
-        directions: E (k, 3), unit vectors along which the tip can be asked for.
-        errors: (points,) [m], largest error of the tip at any candidate with so many points.
+        directions: E (k, 3), unit vectors along which the tip can be controlled.
+        errors: (points,) [m], largest error of the tip at any candidate, for each number of points.
         candidates: Number of candidates.
     """
 
@@ -102,21 +102,21 @@ def find_points(
     progress: Callable[[int, int], None] = lambda done, total: None,
     plant: str = MUJOCO,
 ) -> OperatingPoints:
-    """Operating points of a robot, where the need is largest first.
+    """Operating points of a robot, beginning where they reduce the error most.
 
     Args:
-        robot: With tendons.
+        robot: A robot with tendons.
         most: Largest number of points.
-        tolerance: Error of the tip at rest, over the reach, at which no more points are taken.
-        candidates: Number of equilibria that they are chosen from.
-        progress: Called with the numbers of candidates done and of all.
-        plant: Whose equilibria they are, one of `beams.registry.PLANTS`; they are looked for under
-            the inputs that hold the chain all over the workspace.
+        tolerance: Error of the tip at rest, over the reach, at which no more points are added.
+        candidates: Number of equilibria to choose from.
+        progress: Called with the numbers of finished and of all candidates.
+        plant: Model of the equilibria, one of `beams.registry.PLANTS`; they are computed for the
+            inputs that hold the chain throughout the workspace.
 
     Raises:
-        ValueError: The robot has no tendons, or is not driven by its length or tension alone; or
-            the plant cannot model it.
-        EquilibriumError: It does not rest under the action 0.
+        ValueError: The robot has no tendons, or is not driven by length or tension only; or the
+            plant cannot model it.
+        EquilibriumError: It has no equilibrium under the action 0.
     """
     inverse = InverseStatics(build_scene(model_scene(robot)))
     look = _looking(robot, inverse, plant)
@@ -140,7 +140,7 @@ def find_points(
 
 
 def row_of(point: Equilibrium, gains: ndarray) -> ndarray:
-    """(size,) of a point with the gains (k,) of a law, laid out as `table.split` tells."""
+    """(size,) of a point with the gains (k,) of a law, with the layout of `table.split`."""
     stiffness, model = point.model.stiffness, point.model
     forces = np.column_stack([model.mass, model.damping, model.elastic])
     relative = solve(stiffness, forces)
@@ -162,7 +162,7 @@ def row_of(point: Equilibrium, gains: ndarray) -> ndarray:
 
 
 def _looking(robot: RobotParams, inverse: InverseStatics, plant: str) -> Callable[[Held], AtRest]:
-    """Function from what holds the chain to action, curvature, tip and model of a plant."""
+    """Function from the chain's equilibrium to action, curvature, tip and model of a plant."""
     if plant != MUJOCO:
         beam = BeamLinearizer(robot, plant)
         return lambda held: beam.rest(held.inputs[-1])
@@ -188,12 +188,12 @@ def _equilibrium(directions: ndarray, rest: AtRest) -> Equilibrium:
 
 
 def _products(ways: ndarray) -> ndarray:
-    """(terms, ...) products of the ways (k, ...) along directions, as `table.look_up` has them."""
+    """(terms, ...) products of displacements (k, ...), in the order of `table.look_up`."""
     return np.array([ways[x] * ways[y] for x in range(len(ways)) for y in range(x + 1)])
 
 
 def _bent(found: list[Equilibrium], directions: ndarray) -> list[Equilibrium]:
-    """The equilibria with their second order, fitted to those around each."""
+    """The equilibria with their second order, fitted to the neighbours of each."""
     tips, actions = np.array([e.tip for e in found]), np.array([e.action for e in found])
     states, bent = np.array([e.state() for e in found]), []
     for point in found:
@@ -218,7 +218,7 @@ def _candidates(
     count: int,
     progress: Callable[[int, int], None],
 ) -> Iterator[Held]:
-    """Equilibria where tasks take place, then all over the workspace, in every way to hold it."""
+    """Equilibria in the region of the tasks, then in the whole workspace, in all configurations."""
     ground = workspace_of(robot).ground
     first = inverse.solve(ground.middle[None], ground.inputs)
     within = int(count * _ON_GROUND)
@@ -242,7 +242,7 @@ def _candidates(
 
 
 def _disc(ground: ReachableEllipse, count: int) -> ndarray:
-    """Places (count, 3) [m], even in the ellipse of a ground, from its middle outwards."""
+    """Points (count, 3) [m], even in an elliptic workspace, from its middle outwards."""
     number = np.arange(1, count + 1)
     spiral = np.sqrt(number / count) * np.exp(1j * np.pi * (3 - np.sqrt(5)) * number)
     size = np.array([ground.length, ground.radius])
@@ -257,8 +257,8 @@ def _choose(
     Args:
         found: Candidates.
         directions: (k, 3).
-        importance: (candidates,) [1], factors of their errors.
-        most, tolerance: Where to end.
+        importance: (candidates,) [1], weights of their errors.
+        most, tolerance: Where to stop.
     """
     nothing = np.empty(0)
     rows = np.array([row_of(e, nothing) for e in found])
@@ -282,7 +282,7 @@ def _choose(
 
 @kernel
 def _errors(table: Table, tips: ndarray, rows: ndarray, jacobian: ndarray, out: ndarray) -> None:
-    """Set out (candidates,) [m]: how far off the tip is, by shape or by place, in a blend."""
+    """Set out (candidates,) [m] to the tip errors of a blend, by shape or by position."""
     n, m = table.n, table.m
     for i in range(len(tips)):
         now = look_up(table, tips[i], rows[i, :m])
@@ -291,7 +291,7 @@ def _errors(table: Table, tips: ndarray, rows: ndarray, jacobian: ndarray, out: 
         out[i] = np.sqrt(max(np.sum(by_shape**2), np.sum(by_place**2)))
 
 
-#: [1], step of an action to both sides, as of `scene.linearised`.
+#: [1], step of an action to either side, as in `scene.linearised`.
 _SHIFT = 1e-7
 
 
@@ -299,7 +299,7 @@ class BeamLinearizer:
     """Makes the linear models of a robot's beam model.
 
     Attributes:
-        stepped: The model with its read-outs.
+        stepped: The model with its outputs.
         inputs: Of the robot.
     """
 
@@ -311,7 +311,7 @@ class BeamLinearizer:
             plant: One of `beams.registry.PLANTS`, except the chain.
 
         Raises:
-            ValueError: The model lacks what the robot has.
+            ValueError: The model does not support something that the robot has.
         """
         scene = model_scene(robot)
         self.stepped = BeamPlant(plant)(
@@ -327,7 +327,7 @@ class BeamLinearizer:
         self._last: ndarray | None = None
 
     def rest(self, inputs: ndarray) -> AtRest:
-        """The robot at rest under inputs (m,) [N or m], looked for from the one before.
+        """The robot at rest under inputs (m,) [N or m], starting from the previous solution.
 
         Raises:
             EquilibriumError: There is none, or it is unstable.

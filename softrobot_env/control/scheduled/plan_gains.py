@@ -1,4 +1,4 @@
-"""Gains of plans: what actions ahead are best for a known reference, and what others would cost."""
+"""Gains of plans: optimal future actions for a known reference, and the cost of deviations."""
 
 import numpy as np
 from numpy import ndarray
@@ -17,13 +17,13 @@ from .timing import Timing
 #: from those that hold it, and g [m] how far an action of one moves the tip at rest.
 _VELOCITY_WEIGHT, _INPUT_WEIGHT = 7e-4, 5e-3  # s^2 and i
 
-#: r: where tensions follow at once, and that times the square of (reach / T) over the speed at
-#: which the drives move the tip.
+#: r: its value where tensions follow at once, and its factor on the square of (reach / T) over the
+#: speed at which the drives move the tip.
 _RATE_WEIGHT, _SLOW_WEIGHT = 1e-7, 5e-4
 
 
 class Regulator:
-    """An LQ problem of N states, the m actions among them, whose inputs change the actions.
+    """An LQ problem with N states, including the m actions, whose inputs change the actions.
 
     x+ = A x + B v costs x'Qx + v'Rv. P solves Riccati's equation, W = (R + B'PB)^-1 B',
     K = W P A and A_c = A - B K.
@@ -57,17 +57,17 @@ class Regulator:
 def regulator_of(
     robot: RobotParams, point: Equilibrium, directions: ndarray, timing: Timing
 ) -> Regulator:
-    """The problem of tracking at an operating point, by which laws of any robot are designed.
+    """The tracking problem at an operating point, from which laws of any robot are designed.
 
     Args:
-        robot: Whose drives' speed counts.
+        robot: The robot, whose drive speed is used.
         point: The operating point.
         directions: (d, 3), see `Table`.
         timing: Of the law.
     """
     n, (period, first) = len(point.curvature), (timing.period, timing.first)
     continuous_a, continuous_b, tip = point.model.state_space()
-    size = np.repeat([1.0, 1 / first], n)  # of states, so that they are of like order
+    size = np.repeat([1.0, 1 / first], n)  # of states, so that they are of similar size
     a, b = discretized(continuous_a * size / size[:, None], continuous_b / size[:, None], period)
     m = b.shape[1]
     a = np.block([[a, b], [np.zeros((m, 2 * n)), np.eye(m)]])
@@ -78,7 +78,7 @@ def regulator_of(
     gain = norm(place[:, :n] @ point.by_action) / np.sqrt(len(place))  # m
     weight = position.T @ position + _VELOCITY_WEIGHT * first**2 * speed.T @ speed
     weight[2 * n :, 2 * n :] += _INPUT_WEIGHT * gain**2 * np.eye(m)
-    # Riccati's equation needs every state in the cost; this is far below the rest.
+    # Riccati's equation needs every state in the cost; this weight is negligible.
     weight += 1e-10 * np.trace(weight) / len(weight) * np.eye(len(weight))
     tip_speed = gain * robot.drive.speed / robot_inputs(robot).input_scale.max()  # m/s
     rate_weight = _RATE_WEIGHT + _SLOW_WEIGHT * (robot.reach / first / tip_speed) ** 2
@@ -90,10 +90,11 @@ def regulator_of(
 def plan_gains(regulator: Regulator, timing: Timing, directions: ndarray) -> ndarray:
     """Gains [K (c m, 2 n + m), G (c m, knots, 3)], flattened, of the actions at the nodes.
 
-    They are a- - K (x, a-) + sum_i G_i way_i, with x and a- the state and the actions in force
-    away from the equilibrium that moves, where the best law acts on until each node. With p of the
-    reference r from p_k = A_c' p_k+1 + C' r_k, the best inputs are v_k = -K x_k + W p_k+1. Between
-    the times at which the reference is known are straight lines; it stays where it is at the last.
+    The actions are a- - K (x, a-) + sum_i G_i way_i, with x and a- the state and the current
+    actions relative to the moving equilibrium, if the optimal law acts until each node. With p of
+    the reference r from p_k = A_c' p_k+1 + C' r_k, the optimal inputs are v_k = -K x_k + W p_k+1.
+    Between the times at which the reference is known it is interpolated linearly; after the last it
+    is constant.
 
     Args:
         regulator: The problem at an operating point, in the directions.
@@ -122,9 +123,9 @@ def plan_gains(regulator: Regulator, timing: Timing, directions: ndarray) -> nda
 def deviation_cost(regulator: Regulator, timing: Timing) -> ndarray:
     """H (c m, c m): half the second derivative of the cost by the actions at the nodes.
 
-    The actions are off the best ones by straight lines between the nodes, and after the last one
-    the best law goes on from the state that this leaves. What that costs is a square, as the first
-    derivative vanishes where the cost is least. Its diagonal is one in the mean.
+    The actions deviate from the optimal ones by straight lines between the nodes, and after the
+    last one the optimal law continues from the resulting state. The additional cost is quadratic,
+    as the first derivative vanishes at the optimum. The diagonal is one on average.
     """
     nodes, m = _periods(timing, timing.nodes), regulator.b.shape[1]
     steps = np.arange(nodes[-1] + 1)

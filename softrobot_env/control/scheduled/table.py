@@ -1,4 +1,4 @@
-"""Tables of operating points with the gains of a law at each, and what kernels do with them."""
+"""Tables of operating points with the gains of a law at each, and their use in kernels."""
 
 from typing import NamedTuple
 
@@ -7,10 +7,10 @@ from numpy import ndarray
 
 from softrobot_env.compile.kernels import kernel, structure
 
-#: Points that are blended at most.
+#: Largest number of points in a blend.
 NEIGHBOURS = 6
 
-#: [1], smallest distance of a point, as actions: a place on a point is the point's alone.
+#: [1], smallest distance of a point, in actions: at a point the blend is that point alone.
 _ON_POINT = 1e-9
 
 
@@ -22,10 +22,10 @@ class Table(NamedTuple):
         n, m: Sizes.
         tips: (points, 3) [m].
         to_action: (points, m, 3) [1/m], see `operating_points.Equilibrium`.
-        directions: (k, 3), unit vectors along which the tip can be asked for.
+        directions: (k, 3), unit vectors along which the tip can be controlled.
         moment_arms: (m, n) [N m], of a robot driven by length: how much the tension of a tendon
-            falls as the curvatures grow; zeros of others.
-        rows: (points, size), one row for each point: what `split` tells.
+            falls as the curvatures grow; zeros for others.
+            rows: (points, size), one row for each point, see `split`.
     """
 
     n: int
@@ -41,19 +41,19 @@ class Table(NamedTuple):
 def blend_weights(
     table: Table, place: ndarray, held: ndarray, index: ndarray, weight: ndarray
 ) -> int:
-    """Points near a place, and their weights, which change smoothly with it and sum up to one.
+    """Points near a place, and their weights, which change smoothly with it and sum to one.
 
-    A point is as far away as the actions that would move the tip from it to the place, so that the
-    points lie close together where the robot's statics bend much; and as what these then differ
-    from the actions held until now. So a robot that can hold a place in several ways goes on in the
-    one that it is in. The weights, ((R - d) / (R d))^2
-    with R the distance of the first point that is left out (Franke and Little), vanish where a
-    point becomes one of the nearest.
+    The distance of a point is measured by the actions that would move the tip from it to the place,
+    so that points lie close together where the statics are strongly nonlinear, and by the
+    difference of the resulting actions from those held until now. So a robot that can hold a place
+    in several configurations stays in its present one. The weights, ((R - d) / (R d))^2 with R the
+    distance of the first point left out (Franke and Little), vanish where a point becomes one of
+    the nearest.
 
     Args:
         table: The table.
         place: (3,) [m].
-        held: (m,) [1], equilibrium of the decision before.
+        held: (m,) [1], equilibrium of the previous decision.
         index: (k,), set to the points.
         weight: (k,), set to their weights.
 
@@ -88,7 +88,7 @@ def blend_weights(
         share = 1 / d if np.isinf(outer) else max(outer - d, 0.0) / (outer * d)
         weight[slot] = share * share
         total += weight[slot]
-    if total == 0.0:  # all equally far
+    if total == 0.0:  # all at the same distance
         weight[:near] = 1.0
         total = float(near)
     for slot in range(near):
@@ -97,21 +97,21 @@ def blend_weights(
 
 
 class Row(NamedTuple):
-    """What is known at a place of the tip; views of one array.
+    """Data for a position of the tip; views of one array.
 
     Attributes:
         action: (m,) [1], at rest there.
         curvature: (n,) [1/m], likewise.
-        tip: (3,) [m], of that equilibrium: the place, unless it is out of reach.
+        tip: (3,) [m], of that equilibrium: the position, unless it is out of reach.
         to_action: P (m, 3) [1/m].
         by_action: X (n, m) [1/m].
         jacobian: C (3, n) [m2].
         inertia: K^-1 M (n, n) [s2].
         damping: K^-1 D (n, n) [s].
-        elastic: (n,) [1/m], K^-1 times the force of the springs: what the curvature, to first
-            order, loses by springs twice as stiff.
-        second: (m + n + 3, k (k + 1) / 2), second order of action, curvature and tip by the ways
-            (k,) [m] along the directions: factors of their products.
+        elastic: (n,) [1/m], K^-1 times the force of the springs: to first order the decrease of the
+            curvature for springs twice as stiff.
+        second: (m + n + 3, k (k + 1) / 2), second order of action, curvature and tip in the
+            displacements (k,) [m] along the directions: factors of their products.
         gains: Of the law.
     """
 
@@ -129,7 +129,7 @@ class Row(NamedTuple):
 
 
 def row_size(n: int, m: int, k: int) -> int:
-    """Numbers in a row before the gains, for n curvatures, m actions and k directions."""
+    """Size of a row before the gains, for n curvatures, m actions and k directions."""
     terms = k * (k + 1) // 2
     return m + n + 3 + 3 * m + n * m + 3 * n + 2 * n * n + n + (m + n + 3) * terms
 
@@ -161,12 +161,12 @@ def split(row: ndarray, n: int, m: int, k: int) -> Row:
 
 @kernel
 def look_up(table: Table, place: ndarray, held: ndarray) -> Row:
-    """What the points near a place (3,) [m] tell of it, each to second order, blended.
+    """The row at a place (3,) [m]: a blend of nearby points, each expanded to second order.
 
     Args:
         table: The table.
         place: (3,) [m].
-        held: (m,) [1], actions of the equilibrium before.
+        held: (m,) [1], actions of the previous equilibrium.
     """
     out = np.empty(table.rows.shape[1])
     blend(table, place, held, out)
@@ -175,7 +175,7 @@ def look_up(table: Table, place: ndarray, held: ndarray) -> Row:
 
 @kernel
 def blend(table: Table, place: ndarray, held: ndarray, out: ndarray) -> None:
-    """Set out (size,) to the row of `look_up`, or out (m,) to its actions alone: far quicker."""
+    """Set out (size,) to the row of `look_up`, or out (m,) to its actions, which is far faster."""
     n, m, whole = table.n, table.m, len(out) > table.m
     index, weight = np.empty(NEIGHBOURS, np.int64), np.empty(NEIGHBOURS)
     count = blend_weights(table, place, held, index, weight)
@@ -201,7 +201,7 @@ def blend(table: Table, place: ndarray, held: ndarray, out: ndarray) -> None:
 
 @kernel
 def _add_second(share: float, point: Row, way: ndarray, directions: ndarray, out: ndarray) -> None:
-    """Add a share of the second order by a way (3,) [m] to the first entries (k,)."""
+    """Add a share of the second order in a displacement (3,) [m] to the first entries (k,)."""
     along, term = directions @ way, 0
     for x in range(len(along)):
         for y in range(x + 1):
@@ -216,9 +216,9 @@ def inverse_of(moved: ndarray, directions: ndarray, damping: float) -> ndarray:
     """(m, 3): actions of least norm that move the tip along directions (k, 3), damped.
 
     Args:
-        moved: J (3, m) [m], how the tip follows the actions at rest.
+        moved: J (3, m) [m], derivative of the tip by the actions at rest.
         directions: Unit vectors.
-        damping: Over the size of J.
+        damping: Over the norm of J.
     """
     along = directions @ moved
     square = along @ along.T
