@@ -33,35 +33,35 @@ from softrobot_env.tasks.generic import GENERIC_TASKS
 #: Values of arguments that are not given.
 _NOT_GIVEN = (None, False, [])
 
-#: Where arguments are added.
+#: Parsers to which arguments are added.
 Parsers = _ActionsContainer
 
-#: What --env can be: simulated, or over a serial line.
+#: Values of --env: simulated, or over a serial line.
 SIMULATED = "sim"
 ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
 
-#: The ideal rig, among the seeds of twins.
+#: Name of the ideal rig among the seeds of twins.
 _NO_TWIN = "none"
 
-#: Options that had another name, and that name, which works with a warning.
+#: Renamed options, and their earlier names, which still work with a warning.
 _RENAMED = {"--identified": "--learnt"}
 
 
 def declare(parser: Parsers, text: str, **kinds: Any) -> None:
     """Add arguments, each declared by a line such as `--size W H (640 480)  of pictures`.
 
-    That is its name, what its values are called, their default, and after two spaces or more the
-    help, which may go on in further lines that begin with no name. An option without values is a
-    switch. At the end of what a value is called, ? and * and + say how often it may be there, as in
-    `argparse`, and ! that it has to be; an option whose value is called `NAME=...` may be given
-    several times. A line such as `[scene]` begins a group, and words such as `<scene>` stand for
-    what commands share.
+    A line holds the name, the metavar, the default, and after two or more spaces the help, which
+    may continue on further lines that begin with no name. An option without a metavar is a switch.
+    At the end of a metavar, ?, * and + give the number of values, as in `argparse`, and ! makes the
+    argument required; an option with a metavar such as `NAME=...` may be given several times. A
+    line such as `[scene]` begins a group, and words such as `<scene>` stand for arguments shared by
+    commands.
 
     Args:
-        parser: Where.
+        parser: Where to add them.
         text: The lines.
-        **kinds: By the arguments' names, what makes a value of a text, or all values there are;
-            those of `_KINDS` unless given.
+        **kinds: By argument name, the converter from text, or all allowed values; by default those
+            of `_KINDS`.
     """
     shared, lines = _shared(), []
     text = re.sub("<([a-z!-]+)>", lambda found: shared[found[1]], text)
@@ -111,7 +111,7 @@ def _declare_one(parser: Parsers, line: str, kinds: Mapping[str, Any]) -> None:
 
 
 class _Renamed(Action):
-    """Takes an option by its earlier name, and says how it is called now."""
+    """Accepts an option by its earlier name, with a warning that has the new one."""
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
         print(f"softrobot: warning: {option} is --{self.dest} now", file=sys.stderr)
@@ -119,7 +119,7 @@ class _Renamed(Action):
 
 
 def flags(args: Namespace, names: Iterable[str]) -> str:
-    """Those among arguments that are given, as they are written."""
+    """The arguments among these that were given, as written on the command line."""
     given = [name for name in names if vars(args).get(name) not in _NOT_GIVEN]
     return ", ".join(f"--{name.replace('_', '-')}" for name in given)
 
@@ -129,7 +129,7 @@ _TWIN = """the rig that is simulated: seed of a digital twin, a rig with errors 
     rests where the one-piece model of the policies predicts; default: 0
 """
 
-#: Arguments that several commands have.
+#: Arguments shared by several commands.
 _SHARED = {
     "feedback": f"""
         --feedback FEEDBACK ({FEEDBACKS[0]})  what policies measure: the full state; or tip and
@@ -173,7 +173,7 @@ _SHARED = {
 
 
 def _shared() -> dict[str, str]:
-    """Arguments that several commands have, and names in registries, which ask for plug-ins."""
+    """Arguments shared by several commands; names in registries require loading plug-ins."""
     robot = f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)};"
     options = {name: tasks for name, tasks in with_option(EVERY_TASK).items() if tasks}
     return _SHARED | {
@@ -199,12 +199,12 @@ def _shared() -> dict[str, str]:
 def command(
     example: str, text: str, run: Callable[[Namespace], int], **kinds: Any
 ) -> SimpleNamespace:
-    """A command, see `registry.Command`, with arguments as `declare` has them."""
+    """A command, see `registry.Command`, with its arguments in the format of `declare`."""
     return SimpleNamespace(EXAMPLE=example, ARGUMENTS=text, KINDS=kinds, run=run)
 
 
 def _task_help() -> str:
-    """What --task can be, for people."""
+    """Help text for --task."""
     own = {name: ", ".join(tasks_of(robot).own()) for name, robot in ROBOTS.items()}
     named = "".join(f"of the {name}: {tasks}; " for name, tasks in own.items() if tasks)
     return (
@@ -214,7 +214,7 @@ def _task_help() -> str:
 
 
 def of_text(make: Callable[[str], Any]) -> Callable[[str], Any]:
-    """What makes a value of a text, for a parser, by what raises ValueError."""
+    """Converter for a parser, from a function that raises ValueError."""
 
     def convert(text: str) -> Any:
         try:
@@ -230,14 +230,14 @@ SCENE = ("control_period", "pieces", "rule", "timestep", "integrator", "accuracy
 
 
 def scene_options(args: Namespace) -> dict[str, object]:
-    """Keyword arguments of an environment from arguments of a scene."""
+    """Keyword arguments of an environment, from the arguments of a scene."""
     return {name: getattr(args, name) for name in SCENE if getattr(args, name) is not None}
 
 
 def plant_options(
     args: Namespace, policy: str, robot: RobotParams, delay: float
 ) -> dict[str, object]:
-    """Keyword arguments of an environment for a policy of a robot, from those of scene and plant.
+    """Keyword arguments of an environment for a robot's policy, from those of scene and plant.
 
     Raises:
         ValueError: An option of the MuJoCo chain together with a beam model.
@@ -251,16 +251,16 @@ def plant_options(
     return own | given
 
 
-#: Arguments that no job depends on.
+#: Arguments on which no job depends.
 _ELSEWHERE = {"workers", "out", "overwrite", "record", "no_plots", "redraw", "save_rollouts"}
 _ELSEWHERE |= {"log", "command_line", "run"}
 
 
 def study_of(args: Namespace) -> tuple[str, set[Path]]:
-    """What the jobs of a command depend on: arguments in words, and files.
+    """What the jobs of a command depend on: its arguments as text, and files.
 
-    Files are those given, by name or as what is in them, what was learned beside them, and what
-    was learned where trainings write.
+    The files are those given, by name or by their contents, the learned files next to them, and
+    those where trainings write.
     """
     given = {name: value for name, value in vars(args).items() if name not in _ELSEWHERE}
     return str(sorted(given.items(), key=str)), _files_among(given.values())
@@ -282,7 +282,7 @@ def _files_among(given: Iterable[Any]) -> set[Path]:
 def number(
     what: str, allowed: Callable[[Any], bool], make: Callable[[str], Any] = float
 ) -> Callable[[str], Any]:
-    """What makes an allowed number of a text, and refuses any other as not `what`."""
+    """Converter from text to an allowed number; any other is refused as not `what`."""
 
     def convert(text: str) -> Any:
         try:
@@ -333,7 +333,7 @@ def variation(text: str) -> tuple[str, list[float]]:
 
 
 def named_values(text: str, known: Iterable[str] | None = None) -> tuple[str, list[str]]:
-    """`name=1,2,3` as a name, one of those known if they are given, and its values."""
+    """`name=1,2,3` as a name, which must be one of `known` if given, and its values."""
     name, _, values = text.partition("=")
     if not values or (known is not None and name not in known):
         names = "" if known is None else f" with NAME out of {', '.join(known)}"
@@ -345,7 +345,7 @@ def option(text: str) -> tuple[str, list[float]]:
     """`name=1,2,3` as the name of an option of tasks and its values."""
     name, values = named_values(text)
     a_number = number("a number", isfinite)
-    # What is written as a whole number stays one.
+    # Whole numbers stay integers.
     return name, [int(value) if value.isdecimal() else a_number(value) for value in values]
 
 
@@ -359,7 +359,7 @@ def _varied(name: str, text: str) -> float:
 
 
 def policy(text: str) -> str:
-    """A policy's name, or the path of one's own."""
+    """A policy's name, or the path of your own."""
     if not is_path(text) and not text.endswith(NETWORK) and text not in EVERY_POLICY:
         raise ArgumentTypeError(
             f"unknown policy {text!r}; choose from {', '.join(EVERY_POLICY)}, or give "
@@ -369,7 +369,7 @@ def policy(text: str) -> str:
 
 
 def task_name(text: str) -> str:
-    """A task's name, or the path of one's own."""
+    """A task's name, or the path of your own."""
     if not is_path(text) and text not in known_tasks():
         known = ", ".join(known_tasks())
         raise ArgumentTypeError(
@@ -380,7 +380,7 @@ def task_name(text: str) -> str:
 
 
 def or_all(convert: Callable[[str], str]) -> Callable[[str], str]:
-    """Converter that accepts "all" as well."""
+    """Converter that also accepts "all"."""
     return lambda text: text if text == "all" else convert(text)
 
 
@@ -389,7 +389,7 @@ def expand_all(names: list[str], known: list[str]) -> list[str]:
     return list(known) if "all" in names else list(dict.fromkeys(names))
 
 
-#: What values are, by the argument's name or by what they are called.
+#: Converters or allowed values, by the argument's name or metavar.
 _KINDS = {
     "policies": or_all(policy),
     "timeout": number("a number of seconds up to 600", lambda value: 0 <= value <= 600),

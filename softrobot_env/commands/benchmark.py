@@ -29,8 +29,8 @@ EXAMPLE = """softrobot benchmark speed --quick
   softrobot benchmark laws --redraw"""
 
 
-#: What can be measured of any robot -> what measures it, from (robot, quick, progress), makes
-#: tables of its rows, and plots them.
+#: Studies of any robot -> functions that measure (robot, quick, progress), make tables of the rows,
+#: and plot them.
 CHECKS = {
     "accuracy": (
         "softrobot_env.evaluation.models.accuracy:measure",
@@ -89,7 +89,7 @@ def run(args: Namespace) -> int:
 
 
 def _redraw(args: Namespace, benchmark: Benchmark) -> int:
-    """Make the tables and pictures of a report anew; 1 where pictures were not possible."""
+    """Redraw the tables and pictures of a report; 1 if pictures were not possible."""
     if given := flags(args, ("quick", *_OPTIONS, "workers")):
         raise ValueError(f"{given} measures anew, --redraw measures nothing: give one of them")
     with changed_results(args.out):
@@ -103,7 +103,7 @@ def _redraw(args: Namespace, benchmark: Benchmark) -> int:
 
 
 def _draw(args: Namespace, benchmark: Benchmark) -> None:
-    """Pictures of a folder's report, and of nothing else, so that they can be made again."""
+    """Draw pictures from a folder's report alone, so that they can be redrawn."""
     benchmark.draw(stored.read(args.out, benchmark.kinds), args.out / f"{args.what}.png")
 
 
@@ -126,14 +126,14 @@ def _measure(args: Namespace, benchmark: Benchmark) -> int:
     return 0
 
 
-# ---------------------------------------------------------------- robots of one's own
+# ---------------------------------------------------------------- your own robots
 
 
 def _measure_own(args: Namespace) -> int:
-    """Measure `args.what` of `args.robot`, a robot of one's own.
+    """Measure `args.what` for `args.robot`, a robot of the user's.
 
     Raises:
-        ValueError: It cannot be measured of any robot, or the robot is none.
+        ValueError: The study does not take any robot, or there is no such robot.
     """
     if args.what not in CHECKS:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""The robots, tasks and episodes that commands are asked for, as their arguments describe them."""
+"""The robots, tasks and episodes described by the arguments of commands."""
 
 import itertools
 from argparse import Namespace
@@ -63,10 +63,10 @@ STEP_DURATION = 25.0
 #: Step widths [m] of tasks that have one, unless given (thesis Tabs. 6.2 to 6.4).
 STEP_WIDTHS = (0.05, 0.1, 0.2)
 
-#: Robots sampled from --randomize unless given, and at most.
+#: Number of robots sampled from --randomize: default and maximum.
 _DRAWS, _MOST_DRAWS = 5, 100_000
 
-#: What arguments are that a command does not have.
+#: Values of arguments that a command does not have.
 _GIVEN = ("robot", "twin", "identified", "sensors", "predict", "duration")
 _UNLESS_GIVEN = dict.fromkeys((*SCENE, *_GIVEN))
 _UNLESS_GIVEN |= {"plant": MUJOCO, "feedback": FEEDBACKS[0]}
@@ -79,12 +79,12 @@ def period_of(case: Case) -> float:
 
 
 def families() -> dict[RobotParams, tuple[str, ...]]:
-    """The policies that were made for a robot: those that it is given unless --robot names it."""
+    """The policies made for particular robots, which are left out for robots chosen by --robot."""
     return {entry.robot: entry.policies for entry in ENTRIES.values() if entry.policies}
 
 
 def with_twins() -> list[RobotParams]:
-    """The robots that are simulated with the errors of a twin."""
+    """The robots that can be simulated with the errors of a twin."""
     return [entry.robot for entry in ENTRIES.values() if entry.twin is not None]
 
 
@@ -94,15 +94,15 @@ class Setup:
     Which arguments apply is up to the robot of each task.
 
     Attributes:
-        robot: That of --robot, for which all tasks are; None where each task has its own.
-        delays: [s], for which policies make up, 0 for none.
+        robot: Robot of --robot, used for all tasks; None if each task has its own.
+        delays: [s], for which policies compensate, 0 for none.
     """
 
     def __init__(self, args: Namespace) -> None:
         """Read --robot.
 
         Raises:
-            ValueError, OSError: As `find_robot`.
+            ValueError, OSError: See `find_robot`.
         """
         self._args = args = Namespace(**_UNLESS_GIVEN | vars(args))
         self.robot = None if args.robot is None else find_robot(args.robot)
@@ -115,7 +115,7 @@ class Setup:
         return name if self.incompatibility(name, task) is None else RobotEntry.policy
 
     def incompatibility(self, policy: str, task: Task) -> str | None:
-        """Why a policy is not for a task's robot, or its reference; None where it is.
+        """Why a policy does not fit a task's robot or reference; None if it does.
 
         Raises:
             ValueError: There is no such policy.
@@ -135,17 +135,16 @@ class Setup:
         return incompatibility(policy, robot, delay=max(self.delays))
 
     def twins(self, robot: RobotParams) -> list[int | None]:
-        """Twins of a robot to run every case on, None for the robot as it should be."""
+        """Twins of a robot to run every case on; None for the nominal robot."""
         usual = entry_of(robot).twin
         if usual is None:
             return [None]
         return [usual] if self._args.twin is None else list(dict.fromkeys(self._args.twin))
 
     def complete(self, case: Case) -> Case:
-        """A case of task, policy, variation and twin with all else that the arguments say of it.
+        """A case of task, policy, variation and twin, completed by the other arguments.
 
-        Step responses are long. Reads the file of identified parameters for policies that act on
-        them.
+        Step responses are long. Reads the file of identified parameters for policies that use them.
 
         Raises:
             ValueError, FileNotFoundError: An argument that does not fit; the message says why.
@@ -165,7 +164,7 @@ class Setup:
         )
 
     def check(self, cases: list[Case]) -> None:
-        """Refuse what an environment would refuse in a later episode, and what no case uses.
+        """Refuse values that an environment would refuse later, and those that no case uses.
 
         Raises:
             ValueError: The message names what is allowed.
@@ -216,7 +215,7 @@ class Setup:
             raise ValueError(f"--identified: only with the policies {', '.join(able)}")
 
     def _try_out(self, cases: list[Case]) -> None:
-        """Environments refuse references that are too fast or too far, and variations."""
+        """Build environments: they refuse variations, and references too fast or too far."""
         tried = {}
         for case in cases:
             vary = tuple(case.variation.items())
@@ -231,7 +230,7 @@ class Setup:
         return case.environment(**drawing)
 
     def _identified(self, robot: RobotParams) -> Any:
-        """Identified parameters of a robot, of --identified or those that come with the package.
+        """Identified parameters of a robot, from --identified or those shipped with the package.
 
         Raises:
             FileNotFoundError: No such file.
@@ -256,11 +255,11 @@ def products(values: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
 
 
 def combinations(make: Maker, given: Given) -> list[Options]:
-    """Options of a task in every combination of the values given for them."""
+    """All combinations of the values given for options of a task."""
     values = {}
     for option, default in defaults(make).items():
         found = given.get(option, [default])
-        if isinstance(default, float):  # seeds stay whole
+        if isinstance(default, float):  # seeds stay integers
             found = map(float, found)
         values[option] = dict.fromkeys(found)
     return products(values)
@@ -270,7 +269,7 @@ def check_used(given: Given, makers: Mapping[str, Maker], robot: RobotParams | N
     """Refuse options that none of the tasks has.
 
     Raises:
-        ValueError: The message names the tasks that have the option, or else all options.
+        ValueError: The message names the tasks that have the option, or all options.
     """
     here = with_option(makers)
     known = here | (with_option(EVERY_TASK) if robot is None else with_option(tasks_of(robot)))
@@ -320,7 +319,7 @@ _SIMULATED |= {name: None for name in SCENE if name != "control_period"}
 
 
 class RealSetup(Setup):
-    """A real robot, the rig unless another is given; tasks of other robots are simulated."""
+    """A real robot, by default the rig; tasks of other robots are simulated."""
 
     def __init__(self, args: Namespace) -> None:
         """Arguments of `softrobot evaluate`."""
@@ -330,7 +329,7 @@ class RealSetup(Setup):
         self._rig = entry_of(self._own).on_a_line
 
     def twins(self, robot: RobotParams) -> list[int | None]:
-        """Seeds for virtual robots; a real one is what it is."""
+        """Seeds for virtual robots; a real one has none."""
         return super().twins(robot) if self.plant == VIRTUAL else [None]
 
     def complete(self, case: Case) -> Case:
@@ -339,7 +338,7 @@ class RealSetup(Setup):
         return replace(case, plant=self.plant) if case.task.robot == self._own else case
 
     def check(self, cases: list[Case]) -> None:
-        """Refuse what belongs to a virtual robot or to none, and unfit references."""
+        """Refuse arguments that only virtual robots or no robot has, and unsuitable references."""
         args = self._args
         self._make()
         if not any(case.task.robot == self._own for case in cases):
@@ -370,19 +369,19 @@ class RealSetup(Setup):
         return make(case.task, robot_file=file, line=self._line(case, file), **options)
 
     def _make(self) -> Callable[..., gymnasium.Env]:
-        """What makes the robot's environment; ValueError if nothing says what drives it."""
-        from .robot.virtual import real_env  # asks for plug-ins
+        """The factory of the robot's environment; ValueError if its drives are not defined."""
+        from .robot.virtual import real_env  # loads plug-ins
 
         return real_env(self._own, self.plant == VIRTUAL)
 
     def _line(self, case: Case, file: HardwareFile) -> Callable[[], Transport]:
-        """Opens the way to a robot, recorded where that is wanted."""
+        """Opens the connection to a robot, recorded if requested."""
         folder = self._args.record
         return lambda: opened(file, None if folder is None else _free_name(folder, case))
 
 
 def _free_name(folder: Path, case: Case) -> Path:
-    """A file for a log that is not there yet."""
+    """A file name for a log that does not exist yet."""
     folder.mkdir(parents=True, exist_ok=True)
     number = 1
     stem = f"{case.task.name}_{policy_name(case.policy)}"
@@ -408,11 +407,11 @@ def make_setup(args: Namespace) -> Setup:
 
 
 def make_cases(args: Namespace, setup: Setup) -> list[Case]:
-    """Every combination of what was asked for that fits together.
+    """All compatible combinations of the given tasks, policies and values.
 
     Raises:
         ValueError: A policy without a task or a task without a policy, an option that no case
-            uses, or a value that a case cannot have; before anything is run.
+            uses, or a value that a case cannot have; raised before anything is run.
     """
     robot = default_robot() if setup.robot is None else setup.robot
     every = list(entry_of(robot).tasks or tasks_of(robot)) if "all" in args.tasks else []
@@ -452,15 +451,15 @@ def _of_task(
 
 
 def one_case(args: Namespace, setup: Setup, twin: bool) -> Case:
-    """The episode to be shown: of `<task>`, with --policy or else the robot's usual one.
+    """The episode to show: of `<task>`, with --policy or the robot's default policy.
 
     Args:
         args: The arguments.
         setup: The robots.
-        twin: Whether it has the errors of a twin.
+        twin: Whether the robot has the errors of a twin.
 
     Raises:
-        ValueError: A policy of another robot; nothing would be shown.
+        ValueError: A policy for another robot; there would be nothing to show.
     """
     task = one_task(args, setup.robot)
     name = args.policy or setup.default_policy(task)
@@ -478,7 +477,7 @@ def one_case(args: Namespace, setup: Setup, twin: bool) -> Case:
 
 
 def left_out(args: Namespace, cases: list[Case]) -> list[str]:
-    """Policies that would have been run if their packages were installed."""
+    """Policies that were not run because their packages are not installed."""
     missing = [name for name in POLICIES if name not in installed_policies()]
     made_for = {name for case in cases for name in entry_of(case.task.robot).policies}
     return [name for name in missing if name in made_for] if "all" in args.policies else []
@@ -488,7 +487,7 @@ def _for_task(names: list[str], called: str, task: Task, setup: Setup) -> list[s
     """Policies among those named that can drive the robot of a task.
 
     Raises:
-        ValueError: There is none.
+        ValueError: There is no such policy.
     """
     if "all" in names:
         named = [*fitting(task, setup), *(name for name in names if name != "all")]
@@ -534,7 +533,7 @@ def _check_policies(names: list[str], tasks: list[Task], setup: Setup) -> None:
 
 
 def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
-    """Every combination of what varies, without the values that change nothing."""
+    """All combinations of variations, without values that change nothing."""
     return [
         {name: value for name, value in chosen.items() if value != VARIATIONS[name].neutral}
         for chosen in products(merge(given))
@@ -545,7 +544,7 @@ def _draws(args: Namespace) -> list[dict[str, float]]:
     """Variations sampled from --randomize, the same for every policy and task.
 
     Raises:
-        ValueError: A range that is none, or --draws without one.
+        ValueError: A range that is not valid, or --draws without a range.
     """
     if not args.randomize and args.draws is not None:
         raise ValueError("--draws: only with --randomize")

@@ -132,7 +132,7 @@ def run(args: Namespace) -> int:
 
 
 def _redraw(out: Path) -> int:
-    """Plot an earlier run anew, of its files alone."""
+    """Redraw an earlier run from its files alone."""
     with output.changed_results(out):
         files = sorted(out.glob(f"*{DRAWN}"))
         if not files:
@@ -145,7 +145,7 @@ def _redraw(out: Path) -> int:
 
 @output.filling
 def _evaluate(args: Namespace) -> int:
-    """Run all cases and write."""
+    """Run all cases and write the results."""
     if args.record is not None:
         output.check_folder(args.record)
         output.check_free(*sorted(args.record.glob("*.csv")), overwrite=args.overwrite)
@@ -169,7 +169,7 @@ def _evaluate(args: Namespace) -> int:
 
 
 def _run_cases(cases: list[runner.Case], setup: Setup) -> list[Result]:
-    """Results; those so far if a real robot does not go on."""
+    """Results; those obtained so far if a real robot stops."""
     results = []
     with output.progress_on("evaluate", len(cases)) as show:
 
@@ -193,14 +193,14 @@ def _run_cases(cases: list[runner.Case], setup: Setup) -> list[Result]:
 
 @dataclass(frozen=True)
 class _Episode:
-    """What is kept of an episode until all are done."""
+    """Data of an episode kept until all are done."""
 
     rollout: Rollout
     decision_period: float
 
 
 def _run_side_by_side(cases: list[runner.Case], args: Namespace, kept: Kept) -> list[Result]:
-    """Results in processes, those that are kept taken up."""
+    """Results computed in processes, including those kept from an earlier run."""
     with output.progress_on("evaluate", len(cases)) as show, using(args.workers):
         episodes = run_cases(
             enumerate(cases),
@@ -217,7 +217,7 @@ def _run_side_by_side(cases: list[runner.Case], args: Namespace, kept: Kept) -> 
 
 
 def _write(results: list[Result], args: Namespace) -> None:
-    """Reports, records and plots; the table first, so that it is there without matplotlib."""
+    """Write reports, records and plots; the table first, which does not need matplotlib."""
     rows = beside_real_drives([result.row.columns() for result in results])
     write_json(args.out / "report.json", rows, args.command_line)
     write_text(args.out / "report.md", episodes.markdown(rows, args.command_line))
@@ -237,7 +237,7 @@ def _write(results: list[Result], args: Namespace) -> None:
 
 
 def _record(results: list[Result], folder: Path) -> None:
-    """A table and its header for every episode; names of several episodes are counted."""
+    """A table and its header for every episode; equal names are numbered."""
     count = Counter[str]()
     for result in results:
         stem = _file_stem(result)
@@ -249,7 +249,7 @@ def _record(results: list[Result], folder: Path) -> None:
 
 
 def _plot(results: list[Result], out: Path) -> None:
-    """Plot what can be compared, and say so."""
+    """Plot comparable episodes, and report it."""
     found = list(_comparisons(results))
     for rollouts, task, title, stem, varied in found:
         plot_task(rollouts, task, title, out, stem, varied)
@@ -261,7 +261,7 @@ def _comparisons(
 ) -> Iterator[tuple[dict[str, Rollout], Task, str, str, bool]]:
     """Policies on each task, and variations of each policy where there are several.
 
-    Policies are compared on the nominal robot, or on another one if no other was run.
+    Policies are compared on the nominal robot, or on the only other one if that was not run.
     """
     for group in dict.fromkeys(result.group for result in results):
         same = [result for result in results if result.group == group]

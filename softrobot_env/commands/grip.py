@@ -1,4 +1,4 @@
-"""`softrobot grip`: close a gripper on a bar, tell what comes of it, and write a video."""
+"""`softrobot grip`: close a gripper on a bar, report the result, and write a video."""
 
 from argparse import Namespace
 from collections.abc import Callable
@@ -23,7 +23,7 @@ EXAMPLE = """softrobot grip --task enclose --diameter 0.06 --tension 20 --out gr
 
 _FIXED = ("diameter", "mass", "friction")
 
-#: What a sampled gripper is, so that another bar can be gripped with it.
+#: Properties of a sampled gripper, so that it can grip another bar.
 _OWN = ("modulus", "arm", "sensor_errors", "specimen")
 
 
@@ -57,7 +57,7 @@ def run(args: Namespace) -> int:
 
 
 def _run(args: Namespace) -> int:
-    """Close the gripper, and show it if wanted."""
+    """Close the gripper, and show it if requested."""
     gripper = find_gripper(args.gripper)
     span = 2 * max(hypot(*one.base.position[:2]) + one.robot.reach for one in gripper.fingers)
     if (args.diameter or 0.0) > span:
@@ -95,7 +95,7 @@ def _run(args: Namespace) -> int:
 
 
 def _calibrated(how: dict[str, Any], start: Moment, seed: int) -> Callable[[ndarray], ndarray]:
-    """Function from readings to curvatures (pieces,) [1/m], of the gripper an episode has."""
+    """Function from readings to curvatures (pieces,) [1/m], for the gripper of an episode."""
     own = {name: start.info[name] for name in _OWN}
     found = calibrated(VectorGripperEnv(1, "enclose", **how), own, seed + 1)
     straight = start.observation["sensors"]

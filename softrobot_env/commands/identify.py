@@ -51,14 +51,15 @@ def run(args: Namespace) -> int:
     """Run the command.
 
     Raises:
-        FileExistsError: There are results already, and no --overwrite.
-        ValueError: A recording or robot that nothing can be identified of; says why.
+        FileExistsError: Results exist, and --overwrite is not given.
+        ValueError: The recording or robot cannot be used for an identification; the message says
+            why.
     """
     began = perf_counter()
     stages = check_stages(args.stages)
     robot = find_robot(args.robot)
     recording = read_recording(args.recording, args.header)
-    # The last one keeps a cluster, which is then started, or connected to, once for all parts.
+    # The last one keeps the cluster open: it is started, or connected to, once for all parts.
     with output.progress_on("identify") as show, using(args.workers), chosen_processes():
         found = identify(
             recording,
@@ -80,7 +81,7 @@ def run(args: Namespace) -> int:
 
 
 def _on_chain(found: Identification, show: ProgressCallback) -> ErrorRow | None:
-    """Errors of the robot that was found, simulated by the MuJoCo chain."""
+    """Errors of the identified robot, simulated by the MuJoCo chain."""
     static = placed(found.recording, replace(found.header, static=True))
     tell = partial(show, "MuJoCo chain", total=len(static.times))
     tell(0)

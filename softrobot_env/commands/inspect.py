@@ -31,11 +31,11 @@ EXAMPLE = """softrobot inspect --task swing
   softrobot inspect --task triangle --twin 0
   softrobot inspect --robot my.toml --workspace"""
 
-#: Step of an action [1] whose effect on the tip is told, and share of its largest change of a
-#: command from which on a tendon counts as pulled.
+#: Step of an action [1] whose effect on the tip is printed, and share of the largest change of a
+#: command above which a tendon counts as pulled.
 _MOVED, _PULLED = 0.1, 1e-6
 
-#: What a scene may leave out: description -> whether this model has it.
+#: Parts that a scene may leave out: description -> whether this model has it.
 _OPTIONAL = {
     "contacts": lambda m: not m.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT,
     "constraint solver": lambda m: not m.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONSTRAINT,
@@ -86,7 +86,7 @@ def _inspect_robot(args: Namespace) -> int:
 
 
 def _show_workspace(robot: RobotParams, folder: Path) -> None:
-    """Draw the workspace and tell its size."""
+    """Draw the workspace and return rows with its size."""
     picture = draw_workspace(robot, folder)
     sample, ground = sample_of(robot), workspace_of(robot).ground
     low, high = 1e3 * sample.tips.min(axis=0), 1e3 * sample.tips.max(axis=0)
@@ -123,7 +123,7 @@ def _inspect_task(args: Namespace) -> int:
 
 
 def _print(scene: Scene, title: str, left_out: list[str], own: dict[str, str]) -> None:
-    """What every scene has, what else a robot leaves out, and rows of its own."""
+    """Print the common rows of a scene, what else a robot leaves out, and its own rows."""
     model = scene.model
     tendons = len(scene.config.robot.tendons)
     left_out = [*(name for name, has in _OPTIONAL.items() if not has(model)), *left_out]
@@ -199,7 +199,7 @@ def _moves(scene: Scene) -> dict[str, str]:
 
 
 def _timing(scene: Scene) -> dict[str, str]:
-    """Integrator and timestep, and what a hard motion showed."""
+    """Integrator and timestep, and the errors in a demanding motion."""
     from softrobot_env.scene.integration.probe import probe  # compiled code takes time to load
 
     choice, found = scene.timestep, probe(scene)
@@ -238,7 +238,7 @@ def _tendons(robot: RobotParams) -> Table:
 
 
 def _errors_left_out(twin: Twin) -> list[str]:
-    """Errors that a twin can have and this one has not, and what no rig's scene has."""
+    """Errors that a twin can have but this one does not, and those that no rig's scene has."""
     errors = {
         "servo offsets": any(twin.servo_offset),
         "backlash": any(twin.backlash),
@@ -253,7 +253,7 @@ def _errors_left_out(twin: Twin) -> list[str]:
 
 
 def _as_built(env: TrackingEnv) -> dict[str, str]:
-    """Rows of a robot driven by length: its servos and camera, and which rig it is."""
+    """Rows for a robot driven by length: its servos and camera, and which rig it is."""
     twin = env.twin
     if twin is None:
         return {}

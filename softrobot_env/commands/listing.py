@@ -42,10 +42,10 @@ def run(args: Namespace) -> int:
 
 
 def _require_scene(robot: RobotParams) -> None:
-    """Refuse a robot that no scene can be built of at once, rather than task by task.
+    """Refuse a robot of which no scene can be built, once rather than for each task.
 
     Raises:
-        ValueError: As `build_scene`.
+        ValueError: See `build_scene`.
     """
     from softrobot_env.scene.build import build_scene  # takes time to load
     from softrobot_env.scene.registry import model_scene

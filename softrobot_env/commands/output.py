@@ -1,6 +1,6 @@
-"""Where commands write: nothing that is there is replaced unless --overwrite is given.
+"""Where commands write: existing results are replaced only with --overwrite.
 
-One rule for files and folders of results. Nobody else writes to them meanwhile.
+The same rule holds for files and folders. They are locked against other runs meanwhile.
 """
 
 import os
@@ -22,16 +22,16 @@ from softrobot_env.core.under_way import tell, under_way
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.rendering.tables import text_page
 
-#: What makes a folder one of results, and the list of what was written to it.
+#: File that marks a folder of results, and the list of files written to it.
 _REPORT, _LIST = "report.json", ".written"
 
 
 def check_free(*paths: Path, overwrite: bool) -> None:
-    """Refuse to replace files, and what could not be written once it is computed.
+    """Refuse to replace files, and refuse files that could not be written later.
 
     Raises:
-        FileExistsError: One is there, and is not to be overwritten, or is no file.
-        OSError: As `check_folder` of their folders.
+        FileExistsError: A file exists and must not be overwritten, or is not a regular file.
+        OSError: See `check_folder`, for their folders.
     """
     for path in paths:
         if path.exists() and not path.is_file():
@@ -44,11 +44,11 @@ def check_free(*paths: Path, overwrite: bool) -> None:
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder in which nothing can be written, or that cannot be made.
+    """Refuse a folder that cannot be created or written to.
 
     Raises:
-        NotADirectoryError: It is a file, or within one.
-        PermissionError: This user may not.
+        NotADirectoryError: It is a file, or lies below one.
+        PermissionError: The user has no permission.
     """
     there = next(place for place in (folder, *folder.parents) if place.exists())
     if not there.is_dir():
@@ -59,10 +59,10 @@ def check_folder(folder: Path) -> None:
 
 @contextmanager
 def new_file(path: Path, overwrite: bool) -> Iterator[None]:
-    """Hold a file that is free while it is made.
+    """Lock a free file while it is written.
 
     Raises:
-        OSError: As `check_free`.
+        OSError: See `check_free`.
         BlockingIOError: Another run writes to it.
     """
     with claimed(path):
@@ -72,14 +72,14 @@ def new_file(path: Path, overwrite: bool) -> Iterator[None]:
 
 @contextmanager
 def new_results(folder: Path, overwrite: bool) -> Iterator[None]:
-    """Hold a folder without results, or whose results are to be overwritten, and fill it.
+    """Lock a folder without results, or with results to be overwritten, while it is filled.
 
-    What an earlier run left there and this one did not write anew is deleted at the end, if this
-    one wrote a report; other files stay.
+    Files of an earlier run that this one did not rewrite are deleted at the end, if this one wrote
+    a report; other files stay.
 
     Raises:
         FileExistsError: There are results.
-        OSError: As `check_folder`.
+        OSError: See `check_folder`.
         BlockingIOError: Another run writes to it.
     """
     with claimed(folder):
@@ -90,7 +90,7 @@ def new_results(folder: Path, overwrite: bool) -> Iterator[None]:
 
 
 def filling(run: Callable[..., int]) -> Callable[..., int]:
-    """A command, called with its arguments first, that fills --out, see `new_results`."""
+    """Decorator of a command that fills --out, see `new_results`; its arguments come first."""
 
     @wraps(run)
     def held(args: Namespace, *more: Any) -> int:
@@ -102,7 +102,7 @@ def filling(run: Callable[..., int]) -> Callable[..., int]:
 
 @contextmanager
 def changed_results(folder: Path) -> Iterator[None]:
-    """Hold a folder of results while something is added to it or made anew.
+    """Lock a folder of results while something in it is added or redrawn.
 
     Raises:
         FileNotFoundError: There are no results.
@@ -116,7 +116,7 @@ def changed_results(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _noted(folder: Path, anew: bool) -> Iterator[None]:
-    """List what is written to a folder; with a report anew, the rest of what is listed goes."""
+    """List the files written to a folder; after a new report, other listed files are deleted."""
     listed, before = _listed(folder), _states(folder)
     try:
         yield
@@ -130,7 +130,7 @@ def _noted(folder: Path, anew: bool) -> Iterator[None]:
 
 
 def _listed(folder: Path) -> set[str]:
-    """Names of what an earlier run wrote to a folder."""
+    """Names of the files that an earlier run wrote to a folder."""
     with suppress(OSError, UnicodeDecodeError):
         names = (folder / _LIST).read_text("utf-8").splitlines()
         return {name for name in names if Path(name).name == name and (folder / name).is_file()}
@@ -138,20 +138,20 @@ def _listed(folder: Path) -> set[str]:
 
 
 def _states(folder: Path) -> dict[str, tuple[int, int]]:
-    """What changes of a file when it is written anew, by name."""
+    """State of each file, by name, that changes when it is rewritten."""
     found = {path.name: path.stat() for path in folder.iterdir() if path.is_file()}
     return {name: (s.st_ino, s.st_mtime_ns) for name, s in found.items() if name != _LIST}
 
 
 @contextmanager
 def claimed(path: Path) -> Iterator[None]:
-    """Hold a file or folder; a process that ends, however it ends, holds nothing any more.
+    """Lock a file or folder; the lock ends with the process, however that ends.
 
-    The lock is on a file of its own among temporary ones, so it keeps out the runs of this user on
-    this machine. Systems without `fcntl` have no locks.
+    The lock is on a separate temporary file, so it excludes runs of this user on this machine.
+    Systems without `fcntl` have no locks.
 
     Raises:
-        BlockingIOError: Another run holds it.
+        BlockingIOError: Another run holds the lock.
     """
     try:
         import fcntl
@@ -169,14 +169,14 @@ def claimed(path: Path) -> Iterator[None]:
         yield
 
 
-#: Columns that no table needs.
+#: Width larger than any table needs.
 _WIDE = 10_000
 
 
 def _console() -> Console:
-    """Of standard output: where that is no terminal, lines are as long as what they show.
+    """Console on standard output; without a terminal, lines are as long as their contents.
 
-    Unless `COLUMNS` says how long.
+    `COLUMNS` overrides this.
     """
     console = Console()
     if not (console.is_terminal or "COLUMNS" in os.environ):
@@ -184,12 +184,12 @@ def _console() -> Console:
     return console
 
 
-#: Consoles of the bars that are shown: what is printed meanwhile goes above them.
+#: Consoles of the progress bars on display: other output is printed above them.
 _BARS: list[Console] = []
 
 
 def say(*shown: Any, **how: Any) -> None:
-    """Print to the terminal, as `print` of rich's `Console` does; elsewhere no line is padded."""
+    """Print like `Console.print` of rich; without a terminal, lines are not padded."""
     console = _BARS[-1] if _BARS else _console()
     if console.is_terminal:
         console.print(*shown, **how)
@@ -200,7 +200,7 @@ def say(*shown: Any, **how: Any) -> None:
 
 
 def plotted(draw: Callable[[], object]) -> bool:
-    """Draw plots; False, with a note, without matplotlib: reports are complete without pictures."""
+    """Draw plots; without matplotlib, print a note and return False: reports do not need them."""
     try:
         draw()
     except ImportError as error:
@@ -213,17 +213,17 @@ def plotted(draw: Callable[[], object]) -> bool:
 def progress_on(
     name: str, total: float | None = None, prefix: str = ""
 ) -> Iterator[ProgressCallback]:
-    """A bar that goes away at the end; its clock runs also while a long part is under way.
+    """A progress bar that disappears at the end; its clock also runs during long parts.
 
-    Where standard output is no terminal, lines on standard error, see `core.under_way`.
+    If standard output is not a terminal, lines on standard error, see `core.under_way`.
 
     Args:
-        name: What it says at first.
-        total: Of what is done, as far as it is known.
-        prefix: Of what it says later.
+        name: Initial description.
+        total: Total amount of work, if known.
+        prefix: Prefix of later descriptions.
 
     Yields:
-        What is shown (description, done, total).
+        Function that shows (description, done, total).
     """
     console = _console()
     shown = _bar(console, name, total, prefix) if console.is_terminal else _lines(name, prefix)
@@ -263,7 +263,7 @@ def _lines(name: str, prefix: str) -> Iterator[ProgressCallback]:
 
 
 def write_report(args: Namespace, rows: list[Any], *page: Any, **more: Any) -> None:
-    """Write rows as report.json in the folder --out, and all else as `write_page`."""
+    """Write rows as report.json in the folder --out, and the rest like `write_page`."""
     write_json(args.out / _REPORT, rows, args.command_line)
     write_page(args, *page, **more)
 
@@ -275,14 +275,14 @@ def write_page(
     draw: Callable[[], object] | None = None,
     files: Iterable[str] = (),
 ) -> None:
-    """Write tables as report.md, draw plots unless there are none or --no-plots, and say so.
+    """Write tables as report.md, draw plots if there are any and no --no-plots, and report it.
 
     Args:
         args: Of the command.
         title: Of the page.
-        tables: What rich prints.
-        draw: Draws the plots.
-        files: What else was written, besides report.json.
+        tables: Tables of rich.
+        draw: Function that draws the plots.
+        files: Other files written, besides report.json.
     """
     write_tables(args.out, title, tables, args.command_line)
     drawn = draw is not None and not vars(args).get("no_plots") and plotted(draw)
@@ -291,5 +291,5 @@ def write_page(
 
 
 def write_tables(folder: Path, title: str, tables: Any, command: str) -> None:
-    """Write what rich prints as report.md; `command` is what measured it."""
+    """Write tables of rich as report.md; `command` is the one that measured them."""
     write_text(folder / "report.md", text_page(title, tables, command))

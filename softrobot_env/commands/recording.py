@@ -1,4 +1,4 @@
-"""`softrobot recording`: tables of commands and marker positions: checked, and replayed."""
+"""`softrobot recording`: check and replay tables of commands and marker positions."""
 
 from argparse import Namespace
 from collections.abc import Mapping
@@ -40,11 +40,11 @@ FILE_TEXT = """
 
 # ---------------------------------------------------------------- check
 
-_PATTERNS = 12  # at most that are listed
+_PATTERNS = 12  # listed at most
 
 
 def _check(args: Namespace) -> int:
-    """What is wrong with a file is refused, what is odd is reported."""
+    """Refuse a file with errors, and report what is unusual."""
     recording = read_recording(args.recording, args.header)
     summary = summarize(recording, None if args.robot is None else find_robot(args.robot))
     say(named_values(str(args.recording), _values(recording, summary)))
@@ -90,7 +90,7 @@ def _ranges(recording: Recording, summary: Summary) -> PlainTable:
 
 # ---------------------------------------------------------------- replay
 
-#: The header that an identification writes beside its robot file.
+#: The header that an identification writes next to its robot file.
 _BESIDE_ROBOT = "recording.toml"
 
 _ERRORS = {"rms": "RMS mm", "mean": "mean", "max": "max", "rms_centred": "centred: RMS"}
@@ -149,7 +149,7 @@ def _replay(args: Namespace) -> int:
 
 
 def _with_residual(result: Replay) -> Replay | None:
-    """The replay corrected by what was learned of an identified robot, beside whose file it is."""
+    """The replay corrected by the residual model next to an identified robot's file."""
     path = _beside(result.robot, RESIDUAL_FILE)
     if path is None or not result.static:
         return None
@@ -158,7 +158,7 @@ def _with_residual(result: Replay) -> Replay | None:
 
 
 def _expected(result: Replay) -> Judgement | None:
-    """How the errors compare with what the identification of the robot expected."""
+    """Comparison of the errors with those expected by the robot's identification."""
     path = _beside(result.robot, PREDICTION_FILE)
     if path is None or not result.static:
         return None
@@ -172,7 +172,7 @@ def _worst(rows: list[ErrorRow]) -> list[ErrorRow]:
 
 
 def _beside(robot: RobotParams, name: str) -> Path | None:
-    """A file that an identification wrote beside a robot's, where there is one."""
+    """A file that an identification wrote next to the robot's, if there is one."""
     if robot.file is None:
         return None
     path = robot.file.parent / name

@@ -8,11 +8,10 @@ from typing import Any, NoReturn
 from softrobot_env.core.files import in_one_line
 from softrobot_env.core.registry import Registry
 
-#: A command, and what it does. The first is a module or another object, or where that is in this
-#: package. It has `EXAMPLE` for people, `USAGE` where all arguments are too many for a line, and
-#: `run(args)`, which returns the exit status; further
-#: `ARGUMENTS`, with `KINDS` if need be, for `arguments.declare`, or `add_arguments(parser)`, or
-#: `COMMANDS` of its own in place of `run`.
+#: A command and its description. The command is a module or another object, or its path in this
+#: package. It has an `EXAMPLE`, a `USAGE` if its arguments do not fit on a line, and `run(args)`,
+#: which returns the exit status; also `ARGUMENTS`, perhaps with `KINDS`, for `arguments.declare`,
+#: or `add_arguments(parser)`; or `COMMANDS` of its own instead of `run`.
 Command = tuple[Any, str]
 
 #: Name -> command.
@@ -51,10 +50,10 @@ COMMANDS: Registry[Command] = Registry(
 
 
 class Parser(ArgumentParser):
-    """Says in one line what is wrong with arguments."""
+    """Parser that reports errors in arguments in one line."""
 
     def parse_known_args(self, *arguments: Any, **more: Any) -> tuple[Any, list[str]]:
-        """Refuse unknown arguments here: argparse would let the uppermost parser do it."""
+        """Refuse unknown arguments here: argparse would leave that to the topmost parser."""
         found, unknown = super().parse_known_args(*arguments, **more)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}")
@@ -71,13 +70,13 @@ def add_commands(
     dest: str = SUPPRESS,
     asked: str | None = None,
 ) -> None:
-    """Add commands with their arguments and examples; without one the parser's help is printed.
+    """Add commands with their arguments and examples; without a command, help is printed.
 
     Args:
         parser: Where to add them.
         commands: By name.
         dest: Attribute of the parsed arguments that holds the name; `run` holds the module's.
-        asked: The one that is asked for, where the others are not: they are not loaded.
+        asked: The requested command, if known: only this one is loaded.
     """
 
     def show_help(_: Namespace) -> int:
@@ -105,5 +104,5 @@ def add_commands(
 
 
 def loaded(command: Any) -> Any:
-    """The command itself, where its place is given."""
+    """The command itself, loaded if its path is given."""
     return resolve_name(f"{__package__}.{command}") if isinstance(command, str) else command

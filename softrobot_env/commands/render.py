@@ -11,7 +11,7 @@ from .arguments import not_negative
 from .cases import make_setup, one_case
 from .output import check_free, new_file, progress_on, say
 
-#: Frames per second of a GIF, and frames in all, unless given.
+#: Default frames per second of a GIF, and default number of frames.
 _GIF_FPS, _GIF_FRAMES = 12, 180
 
 EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.mp4

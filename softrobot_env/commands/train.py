@@ -37,7 +37,7 @@ from . import arguments, output
 from .arguments import declare, of_text
 from .output import say
 
-#: Where several runs are written, in a folder by the training's name.
+#: Where several runs are written, in a folder named after the training.
 SEVERAL_RUNS = Path("out") / "trainings"
 
 ALGORITHMS = tuple(SCRATCH_SETTINGS)
@@ -49,7 +49,7 @@ EXAMPLE = """softrobot train lq_preview --robot my.toml
   softrobot train rig_nn --twin 3"""
 
 
-#: Arguments that say what is learned by reinforcement, and how.
+#: Arguments of reinforcement learning.
 LEARNING = f"""
     [reinforcement learning]
     --task TASK+ (all)  out of {", ".join(TRAINING_TASKS)} (random references), of other robots
@@ -118,7 +118,7 @@ LEARNING_KINDS = {
 
 
 def given(args: Namespace) -> dict[str, Any]:
-    """Settings of a training that are given; of several values of one, the first."""
+    """The given settings of a training; of several values of one, the first."""
     parser = ArgumentParser()
     add_arguments(parser)
     names = ("twin", "recording", "teacher", "quick", *registry.REINFORCEMENT)
@@ -131,9 +131,9 @@ def run(args: Namespace) -> int:
     """Run the command.
 
     Raises:
-        ValueError: Neither an artifact nor an algorithm is given, or both, an argument that is
-            not theirs, another robot than theirs, or the file is there already.
-        ImportError: A package is missing; says what to install.
+        ValueError: Neither an artifact nor an algorithm is given, or both; an argument or robot
+            does not belong to them; or the file exists.
+        ImportError: A package is missing; the message says what to install.
     """
     if (args.what is None) == (args.algo is None):
         raise ValueError(
@@ -145,7 +145,7 @@ def run(args: Namespace) -> int:
     robot = (training.robot or default_robot()) if args.robot is None else find_robot(args.robot)
     training.check(robot, settings)
     check_settings(training, settings)
-    values = dict(args.set)  # of one that is given twice, the last
+    values = dict(args.set)  # of one given twice, the last
     if args.seeds or args.workers or any(len(own) > 1 for own in values.values()):
         return train_several(args, name, robot, settings, values)
     request = TrainingRequest(robot, _path(args, name, robot), args.seed, settings)
@@ -194,7 +194,7 @@ def _path(args: Namespace, name: str, robot: RobotParams) -> Path:
 # ---------------------------------------------------------------- several runs
 
 
-#: What only a single run takes.
+#: Arguments for a single run only.
 _SINGLE = ("ship", "checkpoint", "resume")
 
 
@@ -208,8 +208,8 @@ def train_several(
     """Train with all seeds and values of settings; 1 if a run failed.
 
     Raises:
-        ValueError: An argument that several runs do not take, seeds of a training without chance,
-            or what a run would refuse.
+        ValueError: An argument that several runs do not take, seeds for a deterministic training,
+            or one that a run would refuse.
         FileExistsError: There are results already, and no --overwrite.
     """
     if given := arguments.flags(args, _SINGLE):
@@ -242,7 +242,7 @@ def train_several(
 def request_in(
     out: Path, name: str, robot: RobotParams, settings: Mapping[str, Any], file: str | None
 ) -> TrainingRequest:
-    """What runs have in common, whose folders are in `out`, as is what they build on."""
+    """The common request of runs whose folders, and the files they build on, are in `out`."""
     path = file_of(robot, file or name, out.resolve())
     settings = dict(settings)
     if "recording" in settings:
@@ -256,13 +256,13 @@ def request_in(
 
 
 def study_in(args: Namespace) -> tuple[str, set[Path]]:
-    """As `arguments.study_of`, with what runs build on in the folder of results."""
+    """See `arguments.study_of`; files that runs build on are in the folder of results."""
     study, files = arguments.study_of(args)
     return study, files | set(args.out.resolve().glob("*.npz"))
 
 
 def write(args: Namespace, title: str, found: list[Run], tables: Any) -> None:
-    """Report, page and curves."""
+    """Write report, page and curves."""
     say(tables)
     curves = any(run.curve for run in found)
     draw = partial(plot, found, args.out / "curves.png") if curves else None

@@ -31,10 +31,10 @@ from .output import check_free, filling, progress_on, say
 EXAMPLE = """softrobot tune ppo --start none --search rate=1e-5..1e-3:log --search batch=256,512
   softrobot tune sac --space space.toml --trials 20 --steps 200000 --workers ray:auto"""
 
-#: Trials where there is a range to draw from.
+#: Default number of trials if there is a range to sample from.
 _TRIALS = 16
 
-#: Closed-loop checks of a trial, at each of which it may end.
+#: Number of closed-loop checks of a trial; it may be stopped at each.
 _CHECKS = 9
 
 
@@ -60,8 +60,8 @@ def run(args: Namespace) -> int:
     """Run the command; 1 if all trials failed.
 
     Raises:
-        ValueError: Nothing to search, or what a training would refuse.
-        ImportError: Ray or another package is missing; says what to install.
+        ValueError: There is nothing to search, or a training would refuse a value.
+        ImportError: Ray or another package is missing; the message says what to install.
         FileExistsError: There are results already, and no --overwrite.
     """
     name = args.what
@@ -81,7 +81,7 @@ def run(args: Namespace) -> int:
 
 
 def _check_space(args: Namespace, space: Space) -> None:
-    """Refuse what cannot be searched; names and ranges are checked by the training."""
+    """Refuse values that cannot be searched; names and ranges are checked by the training."""
     if not space:
         raise ValueError("nothing to search: give --search NAME=LOW..HIGH or --space FILE")
     fixed = dict(args.set)
@@ -122,7 +122,7 @@ def _search(args: Namespace, name: str, request: TrainingRequest, space: Space) 
 
 
 def _sized(name: str, request: TrainingRequest) -> tuple[TrainingRequest, int]:
-    """The request with checks as often as trials may end, and the steps of a trial."""
+    """The request with a check wherever a trial may be stopped, and the steps of a trial."""
     from softrobot_env.training.rl import config_of
 
     config = config_of(name, request.settings, request.robot)
@@ -132,7 +132,7 @@ def _sized(name: str, request: TrainingRequest) -> tuple[TrainingRequest, int]:
 
 
 def _keep(search: Search, best: Run, args: Namespace) -> None:
-    """Write the best network, and print the command that trains it anew."""
+    """Write the best network, and print the command that trains it again."""
     from softrobot_env.training.rl import save_kept
 
     where = trial_folder(search, best.trial - 1)
@@ -148,5 +148,5 @@ def _keep(search: Search, best: Run, args: Namespace) -> None:
     words += ["--start", args.start, "--seed", str(args.seed), "--steps", str(search.steps)]
     words += ["--randomize"] * args.randomize + ["--quick"] * args.quick
     for name, value in best.settings.items():
-        words += ["--set", f"{name}={value:.17g}"]  # each digit counts for the same network
+        words += ["--set", f"{name}={value:.17g}"]  # all digits are needed to reproduce the network
     say("Train with its settings:", shlex.join(words), soft_wrap=True, highlight=False)

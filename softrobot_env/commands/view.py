@@ -68,8 +68,8 @@ def run(args: Namespace) -> int:
 
 
 def _by_hand(env: TrackingEnv, case: Case) -> None:
-    """Let the sliders drive."""
-    window = env.open_window()  # before one without sliders is
+    """Drive the robot by the sliders."""
+    window = env.open_window()  # before one without sliders is opened
     env.reset(options=case.reset_options)
     simulation = env.simulation
     window.controls[:] = env.command
@@ -84,7 +84,7 @@ def _by_hand(env: TrackingEnv, case: Case) -> None:
 
 
 def _by_policy(env: TrackingEnv, case: Case) -> None:
-    """Let a policy drive, episode by episode."""
+    """Drive the robot by a policy, episode by episode."""
     window, acting = env.open_window(), case.make_policy(env.control_period)
     while window.is_open:
         for _ in play(env, acting, options=case.reset_options):
@@ -96,13 +96,13 @@ def _by_policy(env: TrackingEnv, case: Case) -> None:
 
 
 def _browse(config: Any, http_port: int) -> None:
-    """Serve MuJoCo's studio to this machine alone."""
+    """Serve MuJoCo's studio to this machine only."""
     try:
         from mujoco.studio import app, launch_web, viewer_protocol, web_viewer
     except ImportError as error:
         raise ImportError(f"--web needs mujoco.studio, which this MuJoCo lacks: {error}") from None
 
-    # MuJoCo's own way is to listen to every network, with nothing that asks who is there.
+    # MuJoCo itself would listen on every network, without authentication.
     bind = web_viewer.web_server.bind_public_socket
     web_viewer.web_server.bind_public_socket = lambda host, port=0: bind(_HOST, port)
     web_viewer._print_url_banner = lambda host, port: _tell(port)

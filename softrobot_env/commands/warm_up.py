@@ -1,4 +1,4 @@
-"""`softrobot warm-up`: precompile what is otherwise compiled at its first use."""
+"""`softrobot warm-up`: precompile code that would otherwise be compiled at first use."""
 
 from argparse import Namespace
 from concurrent.futures import as_completed
@@ -25,7 +25,7 @@ from .output import progress_on, say
 EXAMPLE = """softrobot warm-up
   softrobot warm-up lq_adaptive pcc"""
 
-#: What runs until nothing more is compiled.
+#: Number of steps after which nothing more is compiled.
 _STEPS = 3
 
 
@@ -35,7 +35,7 @@ ARGUMENTS = f"""
 
 
 def run(args: Namespace) -> int:
-    """Run the command; 1 if one of them does not run.
+    """Run the command; 1 if a plant or policy does not run.
 
     Raises:
         ValueError: There is no such plant or policy.
@@ -50,7 +50,7 @@ def run(args: Namespace) -> int:
         progress_on("compiling", len(names)) as show,
         worker_processes(min(usable_cores(), len(names))) as pool,
     ):
-        pool.submit(warm, names[0]).result()  # what all others need
+        pool.submit(warm, names[0]).result()  # needed by all others
         waiting = {pool.submit(warm, name): name for name in names[1:]}
         for count, done in enumerate(as_completed(waiting), 2):
             show(f"compiling: {waiting[done]} is done", count, len(names))

@@ -36,7 +36,7 @@ def run(args: Namespace) -> int:
     """Run the command; 1 if no file was written.
 
     Raises:
-        FileExistsError: The file to write is there; the robot has not moved.
+        FileExistsError: The file to write exists; the robot has not moved.
     """
     robot = robot_of(args)
     with new_file(args.out, args.overwrite), open_driver(robot.jogged(), args.record) as driver:
@@ -50,7 +50,7 @@ def run(args: Namespace) -> int:
 
 
 class _Lines:
-    """Lines that somebody types, without waiting for them."""
+    """Lines typed by a user, read without blocking."""
 
     def __init__(self, lines: Iterable[str]) -> None:
         self._queue: SimpleQueue[str] = SimpleQueue()
@@ -76,9 +76,9 @@ def jog(
     out: Path,
     source: Path | None = None,
 ) -> bool:
-    """Move an armed robot as the lines say, until a file is written, or until "quit".
+    """Move an armed robot by the commands in the lines, until a file is written or until "quit".
 
-    A line is obeyed when the robot has come to where the one before sent it.
+    A line is executed once the robot has finished the motion of the previous one.
 
     Returns:
         Whether the file was written.
@@ -100,7 +100,7 @@ def jog(
 
 
 def _write(calibration: Calibration, source: Path | None, out: Path) -> bool:
-    """Write what was found; what is wrong with it is reported, and can be mended."""
+    """Write the calibration; errors in it are reported and can be corrected."""
     try:
         save_hardware(calibration.result(), source, out)
     except (ValueError, OSError) as error:

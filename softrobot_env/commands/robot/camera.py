@@ -1,4 +1,4 @@
-"""`softrobot robot camera`: print a board or a tag, calibrate a camera with pictures of it."""
+"""`softrobot robot camera`: print a board or a tag, calibrate a camera with pictures."""
 
 from argparse import Namespace
 
@@ -26,7 +26,7 @@ ARGUMENTS = """
 """
 KINDS = {"side": positive, "tag": int}
 
-_PAPER = 60  # dots of white around a sheet
+_PAPER = 60  # white border of a sheet, in dots
 _INCH = 0.0254  # m
 
 

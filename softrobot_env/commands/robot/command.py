@@ -1,4 +1,4 @@
-"""`softrobot robot`: a real robot; who answers at a port, orders to it, recorded links."""
+"""`softrobot robot`: list the ports of real robots, send them orders, print recorded links."""
 
 from argparse import Namespace
 from collections import Counter
@@ -39,13 +39,13 @@ from .link import ROBOT_TEXT, numbers, open_driver, reading_rows, robot_of
 EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
 
 
-# ---------------------------------------------------------------- who answers
+# ---------------------------------------------------------------- ports
 
 
 def _list(args: Namespace) -> int:
-    """Print who answers, boards or motors; 1 if nobody does.
+    """Print the boards or motors that answer; 1 if none does.
 
-    Every port gets a few bytes; a board's robot that moves ramps to rest.
+    A few bytes are sent to every port; a board whose robot moves ramps it to rest.
     """
     answers = {port: _answer(port, args) for port in args.ports or _ports()}
     texts = {port: text for port, (_, text) in answers.items()}
@@ -62,7 +62,7 @@ def _ports() -> list[str]:
 
 
 def _answer(port: str, args: Namespace) -> tuple[bool, str]:
-    """Whether a robot answers at a port, and what it or its port says."""
+    """Whether a robot answers at a port, and its answer or the port's error."""
     try:
         transport = SerialTransport(port, args.baud)
         try:
@@ -76,7 +76,7 @@ def _answer(port: str, args: Namespace) -> tuple[bool, str]:
 
 
 def _motors(port: str) -> str:
-    """The motors at a port, by all kinds that can be asked; nothing where none answers."""
+    """The motors at a port, of all kinds that can be queried; empty if none answers."""
     for name, kind in HARDWARE.items():
         with suppress(RobotError, ImportError):
             found = kind.find(port)
@@ -91,7 +91,7 @@ _LONGEST_MOVE = 30.0  # s
 
 
 def _order(example: str, give: Callable[[Hardware, Namespace], int], options: str = "") -> Any:
-    """A command that gives an order, by a driver that has sent nothing yet."""
+    """A command that sends an order through a driver that has sent nothing yet."""
 
     def run(args: Namespace) -> int:
         with open_driver(robot_of(args), args.record) as driver:
@@ -101,7 +101,7 @@ def _order(example: str, give: Callable[[Hardware, Namespace], int], options: st
 
 
 def _info(driver: Hardware, args: Namespace) -> int:
-    """What a robot says of itself; 1 if a fault is latched."""
+    """Print a robot's report on itself; 1 if a fault is latched."""
     driver.connect()
     robot, rows = driver.robot, driver.about | reading_rows(driver.reading)
     say(named_values(f"Robot {robot.name} at {robot.port}", rows))
@@ -111,7 +111,7 @@ def _info(driver: Hardware, args: Namespace) -> int:
 def _stop(driver: Hardware, args: Namespace) -> int:
     """Ramp to rest, then off; 1 if a fault is latched.
 
-    Of a board, a hello ends any session with the ramp, and the configuration is taken after it.
+    On a board, a hello ends any session with the ramp; the configuration is sent afterwards.
     """
     driver.connect(args.timeout)
     driver.stop(args.timeout)
@@ -125,7 +125,7 @@ def _estop(driver: Hardware, args: Namespace) -> int:
     """Cut the outputs at once; 1 if it cannot be confirmed."""
     driver.estop()
     driver.connect()
-    # Again: a board that starts when its port is opened has missed the first one.
+    # Again: a board that restarts when its port is opened has missed the first one.
     driver.estop()
     stopped = driver.wait_for_fault(1.0)
     if args.clear:
@@ -135,7 +135,7 @@ def _estop(driver: Hardware, args: Namespace) -> int:
 
 
 def _hold(driver: Hardware, args: Namespace) -> int:
-    """Hold at rest; Ctrl-C ends it in order."""
+    """Hold at rest; Ctrl-C ends it cleanly."""
     driver.connect()
     driver.arm()
     try:
@@ -166,7 +166,7 @@ def _shown(driver: Hardware) -> Table:
 
 
 def _home(args: Namespace) -> int:
-    """Find length zero of motors by the tension of their tendons, and write it to a file."""
+    """Find the zero length of motors from the tension of their tendons, and write it to a file."""
     from softrobot_env.hardware.motors import home
 
     robot = robot_of(args)
@@ -187,22 +187,23 @@ def _home(args: Namespace) -> int:
 
 _ARROWS = {Direction.TO_ROBOT: "to robot", Direction.FROM_ROBOT: "from robot"}
 
-#: Left out unless all messages are wanted.
+#: Left out unless all messages are requested.
 _ROUTINE = (messages.Setpoint, messages.Ping, messages.Pong)
 
 
-#: A message, or what motors and their host said at once: time [s] from the start, which way, what.
+#: A message, or what motors and their host exchanged at once: time [s] from the start, direction,
+#: content.
 Line = tuple[float, Direction, messages.Message | bytes]
 
 
 def _replay(args: Namespace) -> int:
-    """Print what a link carried, of motors its bytes; 1 if the log breaks off in a record."""
+    """Print the messages of a link, for motors its bytes; 1 if the log ends within a record."""
     log = read_link_log(args.log)
     lines = [
         (chunk.time - log.chunks[0].time, chunk.direction, message)
         for chunk, message, _ in log.messages()
     ]
-    if not lines:  # of motors: what was said at once is a packet, or answers
+    if not lines:  # of motors: bytes sent at once are a packet, or answers
         begin = log.chunks[0].time if log.chunks else 0.0
         lines = [(chunk.time - begin, chunk.direction, chunk.data) for chunk in log.chunks]
     say(make_table("", _COLUMNS, lines if args.all else _news(lines)))
@@ -211,7 +212,7 @@ def _replay(args: Namespace) -> int:
 
 
 def _news(lines: list[Line]) -> Iterator[Line]:
-    """Lines that tell of something new."""
+    """Lines with new information."""
     before = None
     for line in lines:
         *_, message = line
@@ -224,7 +225,7 @@ def _news(lines: list[Line]) -> Iterator[Line]:
 
 
 def _tells(message: messages.Message) -> tuple | None:
-    """What of a message that comes again and again would be new; None for others."""
+    """The part of a periodic message that could be new; None for other messages."""
     if isinstance(message, messages.State):
         return messages.State, message.state, message.faults, message.session
     if isinstance(message, messages.FaultReport):

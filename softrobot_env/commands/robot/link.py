@@ -1,4 +1,4 @@
-"""Arguments that say which robot, the driver they mean, and what a robot says, for people."""
+"""Arguments that select a robot, its driver, and its readings as text."""
 
 from argparse import Namespace
 from pathlib import Path
@@ -12,7 +12,7 @@ from softrobot_env.hardware.transport import LoggingTransport, Transport
 
 from ..output import say
 
-#: Arguments that say which robot.
+#: Arguments that select a robot.
 ROBOT_TEXT = """
     --robot-file FILE  robot's file with a table [hardware], or a board's own (TOML); default: the
         rig before its calibration
@@ -22,17 +22,17 @@ ROBOT_TEXT = """
 
 
 def robot_of(args: Namespace) -> HardwareFile:
-    """The robot that the arguments of `ROBOT_TEXT` mean.
+    """The robot selected by the arguments of `ROBOT_TEXT`.
 
     Raises:
-        ValueError: The file says what is not allowed.
+        ValueError: The file contains something that is not allowed.
     """
     robot = rig_file() if args.robot_file is None else find_hardware(args.robot_file)
     return with_port(robot, args.port)
 
 
 def open_driver(robot: HardwareFile, record: Path | None) -> Hardware:
-    """A driver at the robot's port, to be closed as a context; nothing is sent yet.
+    """A driver at the robot's port, as a context manager; nothing is sent yet.
 
     Raises:
         LinkError: The port cannot be opened.
@@ -42,7 +42,7 @@ def open_driver(robot: HardwareFile, record: Path | None) -> Hardware:
 
 
 def opened(robot: HardwareFile, record: Path | None) -> Transport:
-    """The robot's port, recorded to a file where one is given; errors as of `open_driver`."""
+    """The robot's port, recorded to a file if one is given; raises the errors of `open_driver`."""
     transport = kind_of(robot).open(robot)
     try:
         return transport if record is None else _ToldLog(transport, record)
@@ -52,7 +52,7 @@ def opened(robot: HardwareFile, record: Path | None) -> Transport:
 
 
 class _ToldLog(LoggingTransport):
-    """A log that says at its end why it broke off."""
+    """A log that reports at its end why it stopped early."""
 
     def close(self) -> None:
         """See `Transport`."""
@@ -62,7 +62,7 @@ class _ToldLog(LoggingTransport):
 
 
 def reading_rows(reading: Reading) -> dict[str, str]:
-    """What the robot does and measures, by name."""
+    """State and measurements of the robot, by name."""
     own = {"converter": numbers(reading.adc, 0)}
     if reading.current is not None:
         own = {"current": f"{numbers(reading.current, 3)} A"}

@@ -87,7 +87,7 @@ def _run(args: Namespace) -> int:
 def _recorded(
     args: Namespace, robot: RobotParams, planned: excitation.Plan
 ) -> tuple[Recording, str | None]:
-    """What was recorded, and why it ended too early or None."""
+    """The recording, and why it ended early, or None."""
     options = {"vary": _varied(args)} if args.vary else None
     count, how = len(planned.actions), _excitation(args)
     recorded = closing(RecordEpisodes(_environment(args, robot, planned)))
@@ -95,7 +95,7 @@ def _recorded(
         tell = partial(show, "record", total=count)
         try:
             stopped = excitation.excite(env, planned, how, args.seed, options, tell)
-        except KeyboardInterrupt:  # what was recorded until then is kept
+        except KeyboardInterrupt:  # keep the recording so far
             stopped = "by Ctrl-C"
         return env.recording, stopped
 

@@ -1,4 +1,4 @@
-"""`softrobot robot soak`: a long run at full rate, and whether it kept its promises."""
+"""`softrobot robot soak`: a long run at full rate, checked against its limits."""
 
 from argparse import Namespace
 from contextlib import closing
@@ -47,7 +47,7 @@ _COUNTERS = (
     "longest_delay",
 )
 
-#: Over this time [s] the speed of outputs is judged: pulses are set at single ticks.
+#: Interval [s] over which the speed of outputs is checked: pulses change at single ticks.
 _WINDOW = 0.05
 
 
@@ -66,7 +66,7 @@ KINDS = {"hardware": tuple(HARDWARE)}
 
 @filling
 def run(args: Namespace) -> int:
-    """Run the command; 1 if a promise was broken."""
+    """Run the command; 1 if a limit was exceeded."""
     robot = default_robot(on_a_line=True) if args.robot is None else find_robot(args.robot)
     if args.robot_file is not None:
         if "hardware" in read_table(args.robot_file):
@@ -82,7 +82,7 @@ def run(args: Namespace) -> int:
 
 
 def soak_virtual(kind: str, robot: RobotParams, twin: int | None, seconds: float) -> dict[str, Any]:
-    """The row of a virtual robot, with what its own log says."""
+    """The row of a virtual robot, including data of its own log."""
     own = {} if kind == FIRMWARE else {"kind": kind, "robot": robot}
     seed = 0 if kind == FIRMWARE and twin is None else twin
     with TemporaryDirectory() as folder:
@@ -93,7 +93,7 @@ def soak_virtual(kind: str, robot: RobotParams, twin: int | None, seconds: float
 
 
 def soak_task(robot: RobotParams, seconds: float) -> tuple[Task, str]:
-    """What a robot does for so long [s], and by which policy: laps of the rig's task, or points."""
+    """Task and policy for a run of this length [s]: laps of the rig's task, or points."""
     if entry_of(robot).on_a_line:
         task = make_task(usual_task(robot), robot=robot, period=_PERIOD)
         run, policy = replace(task.trajectory, laps=max(0, int(seconds / _PERIOD))), "hybrid"
@@ -107,11 +107,11 @@ def soak_task(robot: RobotParams, seconds: float) -> tuple[Task, str]:
 def soak(
     robot: RobotParams, file: HardwareFile, tip: TipSource | None, seconds: float
 ) -> dict[str, Any]:
-    """What a run of so long [s] measured of a real robot, or of one that runs virtually."""
+    """Measurements of a run of this length [s], of a real robot or a virtual one."""
     task, policy = soak_task(robot, seconds)
-    # Missed steps do not end the run: a promise judges them.
+    # Missed steps do not end the run: they are checked afterwards.
     steps = round(seconds / file.control_period)
-    # A stall shall count as missed steps and late answers, and not end the run.
+    # A stall counts as missed steps and late answers, and does not end the run.
     env = RealEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
     policy = make_policy(policy, robot, env.control_period)
     samples, last = Columns(), {}
@@ -119,7 +119,7 @@ def soak(
         for count, moment in enumerate(play(env, policy)):
             last = moment.info
             if count > 0:
-                # Kept as `info`, its objects would hold up the steps to come (garbage).
+                # Keeping `info` itself would slow later steps down (garbage collection).
                 samples.add({name: last[name] for name in _SAMPLED})
             if count % 50 == 0:
                 show("soak", last["time"], seconds)
@@ -143,7 +143,7 @@ def answer_times(trips: list[float | None], period: float) -> list[float]:
     """How long [s] every step waited for an answer.
 
     Args:
-        trips: Round trip [s] of every step, None without an answer in its period: such a step has
+        trips: Round trip [s] of every step, None without an answer in its period: such a step
             waited for the answer to a later one.
         period: [s].
     """
@@ -155,10 +155,10 @@ def answer_times(trips: list[float | None], period: float) -> list[float]:
 
 
 def unsafe_outputs(log: dict[str, ndarray], file: HardwareFile) -> dict[str, Any]:
-    """How often a virtual robot's outputs left the range or were faster than allowed.
+    """Number of times a virtual robot's outputs left the range or exceeded the allowed speed.
 
     Args:
-        log: As `softrobot robot virtual --log` writes it.
+        log: Log written by `softrobot robot virtual --log`.
         file: The limits.
     """
     time, applied = log["time"], log["applied"]
@@ -168,13 +168,13 @@ def unsafe_outputs(log: dict[str, ndarray], file: HardwareFile) -> dict[str, Any
     first = np.arange(len(time))[after < len(time)]
     after = after[after < len(time)]
     way = np.abs(applied[after] - applied[first]).max(axis=1)
-    # Outputs move when the program passes, a tick before or after they are noted.
+    # Outputs change a tick before or after they are logged.
     allowed = file.slew * (time[after] - time[first] + 2e-3) + 2e-5
     return {"ticks": len(time), "unsafe_outputs": int(outside.sum() + np.sum(way > allowed))}
 
 
 def _promises(row: dict[str, Any]) -> list[dict[str, Any]]:
-    """What a run shall keep: values of at most a limit, and whether they are."""
+    """Values of a run, their upper limits, and whether they are met."""
     kept = {
         "share of missed steps": (row["missed_steps"] / row["steps"], _MOST_MISSED),
         "round trip, 99 % [s]": (row["round_trip_p99"], row["control_period"]),

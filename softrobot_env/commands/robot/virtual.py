@@ -42,14 +42,14 @@ from ..output import check_free, say
 EXAMPLE = """softrobot robot virtual --twin 0 --link out/robot
   softrobot robot virtual --hardware dynamixel --robot trunk.toml --link out/robot"""
 
-#: Private flag: end when whoever has started this no longer holds its standard input open.
+#: Private flag: end when the parent process closes standard input.
 _UNTIL_EOF = "--until-eof"
 
 _SUPPLY = 6.0  # V
 
 #: Kind of hardware that is a board.
 FIRMWARE = "firmware"
-_START, _END = 60.0, 30.0  # s, a long log takes a while to write
+_START, _END = 60.0, 30.0  # s, writing a long log takes time
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -86,7 +86,7 @@ def run(args: Namespace) -> int:
 
 
 def _made(args: Namespace, *watchers: Callable | None) -> VirtualRobot:
-    """The virtual robot that the arguments mean."""
+    """The virtual robot selected by the arguments."""
     if args.hardware != FIRMWARE:
         return virtual_motors(args.hardware, args.robot, args.twin, args.seed, *watchers)
     if args.robot is not None:
@@ -95,7 +95,7 @@ def _made(args: Namespace, *watchers: Callable | None) -> VirtualRobot:
 
 
 def _serve(args: Namespace, robot: VirtualRobot) -> None:
-    """Run a virtual robot until a signal, the end of its time or of whoever started it."""
+    """Run a virtual robot until a signal, the end of its time or of the parent process."""
     stop = Event()
     before = {s: signal.signal(s, lambda *_: stop.set()) for s in (signal.SIGINT, signal.SIGTERM)}
     timer = Timer(args.seconds or 0.0, stop.set)
@@ -122,7 +122,7 @@ def virtual_robot(
     show: Callable[[float, ndarray], None] | None = None,
     watch: Callable[[VirtualRobot], None] | None = None,
 ) -> VirtualRobot:
-    """A virtual rig that understands pulses as `virtual_file` says.
+    """A virtual rig with the pulse widths of `virtual_file`.
 
     Channels of the board drive the twin's tendons in their order.
 
@@ -138,7 +138,7 @@ def virtual_robot(
 
 
 def motors_of(kind: str, robot: RobotParams, port: str) -> HardwareFile:
-    """What a virtual robot of motors is driven by: its file's table of motors, of this kind."""
+    """Motors of a virtual robot: its file's table of motors, with this kind."""
     if robot.hardware is not None and "motor" in robot.hardware:
         return hardware_of(robot, port, kind)
     names = [tendon.name for tendon in robot.tendons]
@@ -154,13 +154,13 @@ def virtual_motors(
     show: Callable[[float, ndarray], None] | None = None,
     watch: Callable[[VirtualRobot], None] | None = None,
 ) -> VirtualRobot:
-    """A virtual robot whose tendons motors wind.
+    """A virtual robot whose tendons are wound by motors.
 
     Args:
-        kind: Of the motors, out of `HARDWARE`.
-        which: The robot, its name or file; the rig unless given.
-        twin: Seed of the built one; None simulates the robot as it should be.
-        seed, show, watch: As of `virtual_robot`.
+        kind: Kind of the motors, one of `HARDWARE`.
+        which: The robot, its name or file; by default the rig.
+        twin: Seed of the twin; None simulates the nominal robot.
+        seed, show, watch: See `virtual_robot`.
 
     Raises:
         ValueError: The kind has no emulator, or the robot is driven by tension.
@@ -179,14 +179,14 @@ def virtual_motors(
 
 
 def _await_eof(stdin: int, then: Callable[[], None]) -> None:
-    """Call a function at the end of a file, by its descriptor."""
+    """Call a function at the end of a file, given by its descriptor."""
     while os.read(stdin, 1):
         pass
     then()
 
 
 class UdpCamera:
-    """Sends pictures as datagrams, as `hardware.tip.UdpTip` reads them."""
+    """Sends camera measurements as datagrams for `hardware.tip.UdpTip`."""
 
     def __init__(self, port: int) -> None:
         """Send to a port of this machine."""
@@ -204,7 +204,7 @@ class UdpCamera:
 
 
 def _noted(robot: VirtualRobot) -> dict[str, Any]:
-    """What a virtual robot really does in a tick: [s] of the host's clock, and lengths [m]."""
+    """True state of a virtual robot in a tick: [s] of the host's clock, and lengths [m]."""
     time, tip = robot.moment
     device = robot.device
     return {"time": time, "tip": tip, "applied": device.applied, "powered": device.powered}
@@ -214,7 +214,7 @@ def _noted(robot: VirtualRobot) -> dict[str, Any]:
 
 
 class Running(NamedTuple):
-    """A virtual robot that runs: its robot file, the source of its pictures, and its process."""
+    """A running virtual robot: its robot file, the source of its pictures, and its process."""
 
     file: HardwareFile
     tip: UdpTip
@@ -235,13 +235,13 @@ def virtual_process(
     in motion is ramped down before it ends.
 
     Args:
-        twin: Seed of the twin; None of motors, whose robot is as it should be.
+        twin: Seed of the twin; None, for motors only, simulates the nominal robot.
         seed: Of the noise of camera and sensors.
-        kind, robot: Of its hardware, and of motors which robot; the rig unless given.
-        log: Where to write what really happened, see the command.
+        kind, robot: Kind of hardware, and for motors the robot; by default the rig.
+        log: Where to write the true motion, see the command.
 
     Raises:
-        RuntimeError: It did not start; with what it said.
+        RuntimeError: It did not start; the message contains its output.
     """
     tip = UdpTip(0)
     with TemporaryDirectory() as folder:
@@ -297,7 +297,7 @@ def _end(process: subprocess.Popen) -> None:
 
 
 class VirtualEnv(RealEnv):
-    """The environment of a real robot with a virtual one that lives as long as it does."""
+    """The environment of a real robot, with a virtual one that runs as long as it exists."""
 
     def __init__(
         self,
@@ -306,12 +306,13 @@ class VirtualEnv(RealEnv):
         line: Callable[[HardwareFile], Callable[[], Transport]] | None = None,
         **options: Any,
     ) -> None:
-        """Start a virtual robot: of motors where the file of the task's robot says a kind.
+        """Start a virtual robot: with motors if the file of the task's robot names their kind.
 
         Args:
             task: The task.
             twin: Seed of the twin.
-            line: From the robot's file to what opens the way to it; its port unless given.
+            line: Function from the robot's file to one that opens the connection; by default its
+                port.
             **options: Of `RealEnv`.
         """
         robot = task.robot
@@ -335,10 +336,10 @@ class VirtualRigEnv(VirtualEnv, RealRigEnv):
 
 
 def real_env(robot: RobotParams, virtual: bool) -> type[RealEnv]:
-    """The environment of a robot that is real, or runs virtually.
+    """The environment of a robot that is real or virtual.
 
     Raises:
-        ValueError: Nothing says what drives it.
+        ValueError: Its drives are not defined.
     """
     if entry_of(robot).on_a_line:
         return VirtualRigEnv if virtual else RealRigEnv
