@@ -1,4 +1,4 @@
-"""Options of all environments: declared, checked and explained once."""
+"""Options of all environments: declared, checked and documented in one place."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -40,8 +40,8 @@ DEFAULT_PERIOD = 0.01
 
 AUTORESET_MODES = tuple(mode.value for mode in AutoresetMode)
 
-#: What environments take: all but the gripper's, simulated ones, those with pictures, many at once,
-#: many robots, the real rig, any real robot, and grippers.
+#: Options accepted by environments: all but the gripper's, simulated ones, those with pictures,
+#: vectorised ones, vectorised robots, the real rig, any real robot, and grippers.
 TRACKING = ("task", "control_period", "observe", "preview", "lead", "observe_as", "act_as")
 TRACKING += ("reward",)
 CHAIN = ("pieces", "rule", "timestep", "integrator", "accuracy")
@@ -64,37 +64,38 @@ class EnvConfig:
 
     Attributes:
         task: A task or its name.
-        robot: The robot of a task given by name: itself, its name, or a robot file (*.toml). By
+        robot: The robot of a task given by name: an object, a name, or a robot file (*.toml). By
             default the robot that the task is made for.
         twin: For a robot driven by length, the twin that is simulated, or the seed of one with
-            errors (`twin.rig3d_twin`). By default a robot exactly as its parameters say.
+            errors (`twin.rig3d_twin`). By default the nominal robot.
         control_period: [s], between 1 ms and 200 ms. For the real rig, by default that of the
             robot file; longer than its `state_delay`, and at most half of its watchdog.
-        observe: Names of the observables in an observation, or "all": all but `sensors`, and those
-            that others registered, which have to be named. By default all but these and
-            tensions, lengths and reference_acceleration for a robot driven by tension, and all but
-            curvatures and tensions for one driven by length, which is what a lab can measure. On
-            the real rig "tendon_tension" needs a board that measures forces. For grippers, names
-            from `simulation.grippers.KNOWN`.
+        observe: Names of the observables in an observation, or "all": all except `sensors` and
+            registered ones, which must be named. By default all except these and tensions, lengths
+            and reference_acceleration for a robot driven by tension, and all except curvatures and
+            tensions for one driven by length, which is what a lab can measure. On the real rig
+            "tendon_tension" needs a board that measures forces. For grippers, names from
+            `simulation.grippers.KNOWN`.
         preview: Times [s] ahead of now of `reference_preview`.
         lead: Time [s] ahead of now of `reference_velocity` and `reference_acceleration`, for
-            policies that compensate for a delay; not with vectors, whose readers do not know it.
+            policies that compensate for a delay; not with vectors, whose policies do not support
+            it.
         observe_as: "dict", or "vector": one float32 vector of order 1.
         act_as: What actions represent: "input", or "change" of the current inputs. By default
             inputs, with vectors changes.
         reward: Weights and scales of the reward, or a name from `rewards.REWARDS`.
             By default "tracking", with vectors "log"; for grippers a `GripReward`.
-        randomization: Ranges of the parameters to vary, sampled by `np_random` for every episode
-            that is reset without `vary`, and reported in `info["variation_density"]` and so on.
-        pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`; in
-            space, pieces must be a multiple of the robot's. For a gripper, the pieces of each
-            finger and the timestep [s]; by default those of its fineness.
-        plant: Builds the model that is simulated instead of the MuJoCo chain, for example
+        randomization: Ranges of the parameters to vary, sampled by `np_random` at every reset
+            without `vary`, and reported in `info["variation_density"]` and so on.
+        pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`; for
+            spatial robots, pieces must be a multiple of the robot's. For a gripper, the pieces of
+            each finger and the timestep [s]; by default those of its fineness.
+        plant: Factory of the model that is simulated instead of the MuJoCo chain, for example
             `beams.registry.BeamPlant("pcc")`.
-        render_mode: None, "rgb_array" or "human"; many environments are not rendered.
+        render_mode: None, "rgb_array" or "human"; vectorised environments are not rendered.
         width, height: Size of a frame in pixels.
         num_envs: Number n of environments.
-        threads: Size of the thread pool; 0 for as many as can be kept busy.
+        threads: Size of the thread pool; 0 chooses as many as can be kept busy.
         backend: "mujoco", or "warp" (extra `gpu`), which does not support contacts.
         device: For the backend "warp": "cuda:0" or "cpu"; by default the first CUDA device.
         max_episode_steps: Number of steps after which an episode is truncated, if it has not ended
@@ -107,8 +108,9 @@ class EnvConfig:
         port: Serial port instead of the robot file's.
         robot_file: Calibration and limits of a board or of motors, or the path of their TOML file;
             by default the table `[hardware]` of the robot's file, or the rig's default.
-        line: Opens the way to the hardware, instead of the serial port.
-        tip: Measures the tip (`hardware.tip.TipSource`), instead of what the robot file names.
+        line: Opens the connection to the hardware, instead of the serial port.
+        tip: Source of tip measurements (`hardware.tip.TipSource`), instead of that of the robot
+            file.
         max_missed: Control periods that may be missed in an episode.
         oldest: [s], largest age of a measurement that is still accepted.
         task_options: Options of a task given by name.
@@ -118,7 +120,7 @@ class EnvConfig:
     robot: str | RobotParams | None = None
     twin: Twin | int | None = None
     control_period: ControlPeriod | None = DEFAULT_PERIOD
-    observe: object = None  # names, looked up where it is known what there is
+    observe: object = None  # names, checked where the known ones are available
     preview: tuple[NotNegative, ...] = (0.05, 0.1, 0.2, 0.4)
     lead: NotNegative = 0.0
     observe_as: Literal["dict", "vector"] = "dict"
@@ -159,11 +161,11 @@ class EnvConfig:
 
     @classmethod
     def of(cls, kind: type, options: dict[str, Any]) -> "EnvConfig":
-        """The options that an environment class was given.
+        """The options given to an environment class.
 
         Raises:
-            ValueError: One out of range; the message names what is allowed.
-            TypeError: One that neither the class nor any task has.
+            ValueError: An option is out of range; the message names what is allowed.
+            TypeError: Neither the class nor any task has this option.
         """
         rest = {**kind.usual, **options}
         config = cls(**{n: rest.pop(n) for n in kind.takes if n in rest}, task_options=rest)
@@ -184,10 +186,10 @@ class EnvConfig:
 
     @cached_property
     def maker(self) -> Maker:
-        """What makes the task given by name; raises ValueError as `tasks.find_maker`."""
+        """The factory of the task given by name; raises ValueError like `tasks.find_maker`."""
         return find_maker(self.task, self.robot)
 
     @property
     def is_for_learning(self) -> bool:
-        """Whether agents see vectors, which changes what rewards and actions are unless given."""
+        """Whether agents see vectors, which changes the default rewards and actions."""
         return self.observe_as == "vector"

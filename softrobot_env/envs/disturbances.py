@@ -1,4 +1,4 @@
-"""What lies between policy and robot: the drives' gain and delay, and noise of the sensors."""
+"""Disturbances between policy and robot: gain and delay of the drives, and sensor noise."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 __all__ = ["SENSOR_NOISE", "Drives", "Periphery", "SensorNoise", "noise_seed"]
 
-#: What lies between policy and robot, by name, and the values that change nothing.
+#: These disturbances by name, with their neutral values.
 BETWEEN = {name: one.neutral for name, one in VARIATIONS.registered().items() if not one.apply}
 
-_WHOLE = 1e-9  # s that a delay may miss a multiple of the control period
+_WHOLE = 1e-9  # s, tolerance of a delay as a multiple of the control period
 
 
 def periods(delay: float, control_period: float) -> int:
     """Control periods in a delay [s].
 
     Raises:
-        ValueError: It is no multiple of the control period.
+        ValueError: It is not a multiple of the control period.
     """
     count = round(delay / control_period)
     if abs(delay - count * control_period) > _WHOLE:
@@ -52,18 +52,18 @@ def reported_variation(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def noise_seed(rng: np.random.Generator) -> int:
-    """Seed of an episode's noise: one draw, whatever the length of the episode."""
+    """Seed of an episode's noise: a single draw, independent of the length of the episode."""
     return int(rng.integers(2**63))
 
 
 class Drives:
     """Drives of n robots, with a gain and a delay each; neutral until started.
 
-    Applied is min(gain x commanded, limit): a drive pulls no more than its limit.
+    The applied tension is min(gain x commanded, limit).
     """
 
     def __init__(self, count: int, limit: ndarray, arrays: HostArrays = HOST) -> None:
-        """Neutral drives of `count` robots, with limits (n_tendons,) [N], which take `arrays`."""
+        """Neutral drives of `count` robots, with limits (n_tendons,) [N], operating on `arrays`."""
         self._arrays, self._limit = arrays, arrays.real(limit)
         self._everyone = arrays.index(np.arange(count))
         self._gain = arrays.real(np.ones((count, 1)))
@@ -72,7 +72,7 @@ class Drives:
         self._now = 0
 
     def start(self, which: ndarray, gain: ndarray, delay: ndarray, tension: ndarray) -> ndarray:
-        """Start episodes, commands before them being the tensions at the start.
+        """Start episodes; earlier commands are taken to be the tensions at the start.
 
         Args:
             which: (k,) int, the robots.
@@ -98,32 +98,32 @@ class Drives:
             self._now = size - 1
 
     def apply(self, commanded: ndarray) -> ndarray:
-        """Tensions (n, n_tendons) [N] in force in a control period, by those commanded in it."""
+        """Tensions (n, n_tendons) [N] applied in a control period, given those commanded in it."""
         self._now = (self._now + 1) % self._sent.shape[1]
         self._sent[:, self._now] = commanded
         return self.tension
 
     @property
     def tension(self) -> ndarray:
-        """(n, n_tendons) [N], in force now."""
+        """(n, n_tendons) [N], applied now."""
         late = self._arrays.index((self._now - self._delay) % self._sent.shape[1])
         sent = self._gain * self._sent[self._everyone, late]
         return namespace(sent).minimum(sent, self._limit)
 
 
 class Periphery:
-    """What lies between robots and policies: drives, and sensors with their errors.
+    """Drives, and sensors with their errors, between robots and policies.
 
     Attributes:
-        drives: None where all apply what is commanded.
-        noise: Of sensors; None where all are silent.
-        cameras, sensors: Those of a twin that err, and of curvature if they are observed; or None.
+        drives: None if all apply their commands exactly.
+        noise: Of sensors; None without noise.
+        cameras, sensors: A twin's camera with errors, and observed curvature sensors; or None.
     """
 
     def __init__(
         self, parts: "SimulatedParts", count: int | None = None, arrays: HostArrays = HOST
     ) -> None:
-        """Of one robot, or of `count` of them."""
+        """Set up for one robot, or for `count` of them."""
         self._parts, self._count, self._arrays = parts, count or 1, arrays
         self._robots = 0 if count is None else slice(None)
         self.drives: Drives | None = None
@@ -131,7 +131,7 @@ class Periphery:
         self.cameras, self.sensors = parts.cameras(count), parts.sensors(self._count)
 
     def readout(self, exact: Measured) -> Measured:
-        """What sensors show of exact measurements."""
+        """Measurements as the sensors show them, from exact ones."""
         out = exact
         if self.sensors is not None:
             out = fitted(out, self.sensors, self._robots)
@@ -143,12 +143,12 @@ class Periphery:
         """Start the drives of robots `which` (k,).
 
         Args:
-            which: Their numbers.
-            values: (n,) of variations by name.
-            command: (k, n_tendons) [N or m].
+            which: Indices of the robots.
+                values: (n,) of variations by name.
+                command: (k, n_tendons) [N or m].
 
-        Returns:
-            (k, n_tendons) [N or m], what they apply.
+            Returns:
+                (k, n_tendons) [N or m], what the drives apply.
         """
         gain = values["tension_gain"]
         delay = np.rint(values["delay"] / self._parts.control_period).astype(int)
@@ -170,12 +170,12 @@ class Periphery:
         """Start noise, cameras and sensors of robots `which` (k,), at rest.
 
         Args:
-            which, values: As of `start_drives`.
-            generators: Of n robots; where seeds come from.
-            exact: What is measured exactly.
+            which, values: See `start_drives`.
+                generators: Of n robots, for the seeds.
+                exact: The exact measurements.
 
-        Returns:
-            Whether there is noise now and was none, or the other way: `readout` is another then.
+            Returns:
+                Whether noise was switched on or off, so that `readout` must be replaced.
         """
         scale, parts = values["sensor_noise"], self._parts
         changed = bool(scale.any()) != (self.noise is not None)

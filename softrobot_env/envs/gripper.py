@@ -1,4 +1,4 @@
-"""Grippers that enclose a clamped bar, or grasp a free one and hold it: one, or many at once."""
+"""Grippers that enclose a clamped bar, or grasp and hold a free one: single or vectorised."""
 
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -24,7 +24,7 @@ from .rewards import GripReward
 from .simulation.grippers import SENSORS, FingerSensors, GripperBatch, GripperView, seen_by
 from .vector import BatchEnv
 
-#: Of the fingers' own quantities each has one; pulls and shaking are vectors.
+#: Quantities of which each finger has one, and vectors: pulls and shaking.
 _OF_FINGERS, _VECTORS = ("modulus", "arm"), ("pull", "shake")
 
 _USUAL = {"task": "hold", "control_period": 0.02, "observe": ("curvature", "tendon_tension")}
@@ -33,22 +33,22 @@ _USUAL = {"task": "hold", "control_period": 0.02, "observe": ("curvature", "tend
 class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
     """Grippers on a thread pool; `GripperEnv` is one of them.
 
-    An action in [-1, 1] is the tension of a tendon between none and its limit. Observations are
+    An action in [-1, 1] is the tension of a tendon between zero and its limit. Observations are
     float64 in SI units: `curvature` and `curvature_rate` (means over each piece of each finger, as
-    ideal sensors have them), `tendon_tension`, `sensors` (readings of the sensors that each finger
-    carries, a specimen sampled anew), `contact` (size of each finger's force on the bar) and
-    `previous_action`; or, with observe_as="vector", one float32 vector of them of order 1. `info`
-    is flat: time, the terms of the reward by their names, error (over what counts as success),
-    success (only at the end), what was sampled, and the place of the bar.
+    measured by ideal sensors), `tendon_tension`, `sensors` (readings of each finger's sensors,
+    whose errors are sampled for every episode), `contact` (size of each finger's force on the bar)
+    and `previous_action`; or, with observe_as="vector", one float32 vector of order 1. `info` is
+    flat: time, the terms of the reward by name, error (relative to the limit for success), success
+    (only at the end), the sampled values, and the position of the bar.
 
-    An episode starts with fingers straight, a new bar and new fingers. Options of `reset` are
-    values in place of samples, by names out of `tasks.gripper.SAMPLED`, each a number or an array
-    of n; `modulus` and `arm` may be of the fingers, `pull` and `shake` are sizes, in a sampled
-    direction, or vectors (3,).
+    An episode starts with straight fingers, a new bar and new fingers. Options of `reset` replace
+    sampled values, by their names in `tasks.gripper.SAMPLED`, each a number or an array of n;
+    `modulus` and `arm` may also be given per finger, `pull` and `shake` are magnitudes, in a
+    sampled direction, or vectors (3,).
 
     Attributes:
-        gripper, task: What they are.
-        simulation: Of all.
+        gripper, task: The gripper and its task.
+        simulation: Simulation of all grippers.
     """
 
     takes: ClassVar = (*GRIPPER, *MANY)
@@ -59,15 +59,15 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
 
         Args:
             num_envs: Their number n.
-            task: A name out of `GRIP_TASKS`, or a task.
-            **options: Those that `VectorGripperEnv.takes` names, see `config.EnvConfig`.
+            task: A name from `GRIP_TASKS`, or a task.
+            **options: Those named in `VectorGripperEnv.takes`, see `config.EnvConfig`.
 
         Raises:
             ValueError: An option out of range; the message names what is allowed.
             TypeError: An unknown option.
 
         Warns:
-            TimestepWarning: A timestep was given that is longer than the rule's.
+            TimestepWarning: The given timestep is longer than the rule allows.
         """
         config = EnvConfig.of(type(self), {"num_envs": num_envs, "task": task, **options})
         check_argument("control_period", config.control_period, ControlPeriod)
@@ -107,7 +107,7 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
         return lambda which: self._begin(which, fixed)
 
     def _value(self, name: str, value: Any) -> ndarray:
-        """An option as an array that broadcasts to that of what is sampled."""
+        """An option as an array that broadcasts to the sampled values."""
         if name not in SAMPLED:
             raise ValueError(f"unknown option {name!r}; allowed are {', '.join(SAMPLED)}, {MASK}")
         shape = self._sampled[name].shape
@@ -159,12 +159,12 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
             out[name] = rng.uniform(*ends, size)
             if name in _VECTORS:
                 direction = rng.standard_normal(3)
-                # The size is at least tiny, so that the direction is known where it is given.
+                # The magnitude is not exactly zero, so that a given direction is kept.
                 out[name] = max(out[name], 1e-12) * direction / norm(direction)
         return out
 
     def _set_threshold(self) -> None:
-        """Which pieces (n, pieces) bool lie, straight, beyond where the bar is touched."""
+        """Pieces (n, pieces) bool of straight fingers that lie beyond the contact with the bar."""
         fingers, starts = self._enclosable[:, 0].astype(int), self._enclosable[:, 1]
         along = np.array(
             [
@@ -204,7 +204,7 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
         return self._view()
 
     def _off(self) -> ndarray:
-        """(n,) [1], over what counts as success."""
+        """The error (n,) [1], relative to the limit for success."""
         if self.task.free:
             return norm(self.simulation.place - self._home, axis=1) / self.task.within
         radius = self._sampled["diameter"] / 2
@@ -239,24 +239,24 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
 
 
 def _found(given: Any, find: Callable[[str], Any], name: str, kind: type) -> Any:
-    """An option, looked up if it is a name; raises ValueError if it is something else."""
+    """An option, looked up if it is a name; raises ValueError for anything else."""
     found = find(given) if isinstance(given, str) else given
     check_argument(name, found, kind)
     return found
 
 
-#: What a gripper has in common with many of them.
+#: Attributes that a single gripper shares with the vectorised one.
 _SHARED = ("gripper", "task", "simulation", "control_period", "max_episode_steps")
 _SHARED += ("observe_as", "vector_layout")
 
 
 class GripperEnv(Pictured, gymnasium.Env[Seen, ndarray]):
-    """One gripper; see `VectorGripperEnv`, whose arguments it has.
+    """One gripper, with the arguments of `VectorGripperEnv`.
 
     Attributes:
         gripper, task, simulation: As there.
-        shown: (pieces,) [1/m], curvatures whose shapes `render` shows over the true ones, such as
-            what calibrated sensors say; true means unless set.
+        shown: (pieces,) [1/m], curvatures whose shapes `render` draws over the true ones, such as
+            those of calibrated sensors; by default the true means.
         takes, config: As there.
     """
 
@@ -266,7 +266,7 @@ class GripperEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     usual: ClassVar = _USUAL
 
     def __init__(self, task: str | GripTask = "hold", **options: Any) -> None:
-        """Build the environment; options are those that `GripperEnv.takes` names."""
+        """Build the environment; options are those named in `GripperEnv.takes`."""
         self.config = config = EnvConfig.of(type(self), {"task": task, **options})
         self._all = VectorGripperEnv(
             1,
@@ -305,11 +305,11 @@ class GripperEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     def render(self) -> ndarray | None:
         """Picture (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
 
-        The fingers' shapes as `shown` has them lie over the true ones.
+        The shapes of `shown` are drawn over the fingers.
 
         Raises:
-            RenderError: No OpenGL; says what to install.
-            gymnasium.error.ResetNeeded: Nothing was started yet.
+            RenderError: No OpenGL; the message says what to install.
+            gymnasium.error.ResetNeeded: No episode has been started.
         """
         diameter = float(self._all._sampled["diameter"][0])
         if diameter == 0:

@@ -1,4 +1,4 @@
-"""Checks of what users pass to `reset` and `step` of environments."""
+"""Checks of the arguments of `reset` and `step`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,13 +15,13 @@ from softrobot_env.tasks import LONGEST, Task, remake_task
 
 from .disturbances import periods
 
-#: Option of many environments that says which are reset.
+#: Option of vectorised environments that selects those to reset.
 MASK = "reset_mask"
 
 
 @dataclass(frozen=True)
 class ResetOptions:
-    """Options of one reset; see `RESET_OPTIONS`, and of `vary` `robots.variations`."""
+    """Options of one reset; see `RESET_OPTIONS`, and `robots.variations` for `vary`."""
 
     vary: dict[str, float] = field(default_factory=dict)
     step_width: float | None = None
@@ -36,7 +36,7 @@ class ResetOptions:
         """The task with the options that concern it.
 
         Raises:
-            ValueError: It has no such option, or a value is out of range.
+            ValueError: The task has no such option, or a value is out of range.
         """
         if self.step_width is not None:
             task = replace(remake_task(task, step_width=self.step_width), duration=task.duration)
@@ -47,14 +47,14 @@ class ResetOptions:
 
 @dataclass(frozen=True)
 class ResetOption:
-    """What an option does, and how a value given for it is checked: (name, value, size)."""
+    """Description of an option, and the check of its value: (name, value, size)."""
 
     text: str
     check: Callable[[str, Any, int], Any]
 
 
 def positive(name: str, value: Any, _size: int = 0) -> float:
-    """The value of an option as a positive number, a duration up to the longest."""
+    """The value of an option as a positive number, for durations up to the longest."""
     number = as_number(value)
     if number is None or not 0 < number < np.inf:
         raise ValueError(f"option {name!r} must be a positive number, got {value!r}")
@@ -113,7 +113,7 @@ RESET_OPTIONS = {
     "clear_fault": ResetOption("True to clear the fault that ended the last episode", _truth),
 }
 
-#: Those of simulated robots, and of the real rig.
+#: Options of simulated robots, and of real ones.
 SIMULATED_OPTIONS = tuple(name for name in RESET_OPTIONS if name != "clear_fault")
 REAL_OPTIONS = ("duration", "task", "clear_fault")
 
@@ -124,9 +124,9 @@ def parse_options(
     """Check the options of a `reset`.
 
     Args:
-        options: As they were given.
+        options: The given options.
         allowed: Names that the environment takes.
-        sizes: Of options that are vectors.
+        sizes: Sizes of vector options.
 
     Raises:
         ValueError: Unknown option, wrong shape, a value out of range, or two starts.
@@ -147,16 +147,16 @@ def parse_options(
     )
 
 
-# ---------------------------------------------------------------- many environments
+# ---------------------------------------------------------------- vectorised environments
 
 Seeds = int | Sequence[int | None] | None
 
 
 def parse_seeds(seed: Seeds, count: int) -> list[int | None]:
-    """One seed, or None, for each environment: given one number, the following ones.
+    """One seed, or None, for each environment; from a single number, consecutive seeds.
 
     Raises:
-        ValueError: Not as many as environments.
+        ValueError: The number of seeds differs from that of the environments.
     """
     if seed is None:
         return [None] * count
@@ -169,7 +169,7 @@ def parse_seeds(seed: Seeds, count: int) -> list[int | None]:
 
 
 def seed_generators(generators: list[np.random.Generator], seeds: list[int | None]) -> None:
-    """Seed a generator for each environment, as Gymnasium does; those without a seed go on."""
+    """Seed a generator for each environment, as Gymnasium does; those without a seed continue."""
     for i, one in enumerate(seeds):
         if i == len(generators):
             generators.append(seeding.np_random(one)[0])
@@ -178,11 +178,10 @@ def seed_generators(generators: list[np.random.Generator], seeds: list[int | Non
 
 
 def parse_variation(vary: Any, count: int, control_period: float) -> dict[str, ndarray]:
-    """Values (count,) of every variation, those that are not given neutral.
+    """Values (count,) of every variation; those not given are neutral.
 
     Raises:
-        ValueError: Not a dict, an unknown name, a value out of range, or not as many as
-            environments.
+        ValueError: Not a dict, an unknown name, a value out of range, or a wrong number of values.
     """
     out = {name: np.full(count, value) for name, value in neutral().items()}
     for name, value in _numbers("vary", vary, count).items():
@@ -198,10 +197,10 @@ def parse_variation(vary: Any, count: int, control_period: float) -> dict[str, n
 
 
 def take_mask(options: dict[str, Any], count: int, started: bool) -> ndarray:
-    """Indices (k,) of a mask (count,) bool, taken out of the options of a reset; all without one.
+    """Indices (k,) of a mask (count,) bool, removed from the options of a reset; all without one.
 
     Raises:
-        ValueError: Another shape or type, none true, or not all in the first reset.
+        ValueError: Wrong shape or type, no true entry, or not all true in the first reset.
     """
     mask = options.pop(MASK, None)
     mask = np.ones(count, bool) if mask is None else np.asarray(mask)
@@ -217,7 +216,7 @@ def take_mask(options: dict[str, Any], count: int, started: bool) -> ndarray:
 # ---------------------------------------------------------------- actions
 
 
-#: By how much an action may lie beyond its bounds, which it then counts as: rounding of float32.
+#: Tolerance for actions beyond their bounds, to which they are then clipped: rounding of float32.
 ROUNDING = 1e-6
 
 
@@ -225,7 +224,7 @@ def one_action(action: Any, shape: tuple[int]) -> tuple[ndarray, list[float]]:
     """An action (n,) as a new array of float64 and as plain numbers.
 
     Raises:
-        ValueError: As `checked_actions`.
+        ValueError: See `checked_actions`.
     """
     if type(action) is ndarray and action.shape == shape:
         values = action.tolist()
@@ -242,12 +241,12 @@ def one_action(action: Any, shape: tuple[int]) -> tuple[ndarray, list[float]]:
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...], arrays: HostArrays = HOST) -> ndarray:
-    """Actions as a new array of float64, those beyond [-1, 1] by `ROUNDING` or less at the bound.
+    """Actions as a new array of float64; those beyond [-1, 1] by at most `ROUNDING` are clipped.
 
-    Tensors and numbers of NumPy are taken where `arrays` are tensors.
+    If `arrays` are tensors, tensors and NumPy arrays are accepted.
 
     Raises:
-        ValueError: Anything else than real numbers in [-1, 1] of this shape.
+        ValueError: Anything other than real numbers in [-1, 1] of this shape.
     """
     if arrays is not HOST and namespace(actions) is not np and actions.shape == shape:
         values = arrays.copy(arrays.real(actions))

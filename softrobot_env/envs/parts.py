@@ -1,6 +1,6 @@
-"""What an environment is built from and never changes: task, plant, spaces, starts.
+"""The constant parts of an environment: task, plant, spaces, starts.
 
-Single and vectorised environments of a robot hold the same parts.
+Single and vectorised environments of a robot use the same parts.
 """
 
 from collections.abc import Iterable, Mapping
@@ -46,17 +46,17 @@ from .simulation.plants import BeamPlant, MujocoPlant
 if TYPE_CHECKING:
     from softrobot_env.sensing.array import SensorArray
 
-#: Largest change of an input in a step, over full scale, where actions change inputs: this share of
-#: full scale in the time in which the first mode turns by 1 rad.
+#: Largest change of an input in a step, over full scale, if actions change inputs: this share of
+#: full scale in the time in which the phase of the first mode advances by 1 rad.
 CHANGE = 1.0
 
 
 class EpisodeSpec:
-    """The attribute `spec`, which knows how many steps the environment's episodes have.
+    """The attribute `spec`, with the number of steps of the environment's episodes.
 
-    Episodes end by themselves, so the registry asks for no wrapper that ends them. How long they
-    are depends on the options: `spec.max_episode_steps` is the environment's own
-    `max_episode_steps`, that of episodes without the reset option `duration`.
+    Episodes end by themselves, so the registry adds no wrapper that truncates them. Their length
+    depends on the options: `spec.max_episode_steps` is the environment's own `max_episode_steps`,
+    that of episodes without the reset option `duration`.
     """
 
     def __get__(self, env: Any, _kind: type) -> EnvSpec | None:
@@ -72,7 +72,7 @@ class Start(NamedTuple):
     """How an episode begins.
 
     Attributes:
-        input: (n_inputs,), of the robot.
+        input: (n_inputs,), inputs of the robot.
         action: (n_inputs,), the same over full scale.
         command: (n_tendons,) [N] or [m], what the drives apply.
         posture: Coordinates of the plant, hinge angles [rad] of a chain.
@@ -85,7 +85,7 @@ class Start(NamedTuple):
 
 
 class Beginning(NamedTuple):
-    """A task whose episode begins, its reference, and how the robot begins it."""
+    """The task of an episode that begins, its reference, and the robot's start."""
 
     task: Task
     reference: ReferenceTable
@@ -99,16 +99,16 @@ class EnvParts:
         config: The options.
         task: The task.
         control_period: [s].
-        observe_as, act_as: How agents see and act, see `EnvConfig`.
+        observe_as, act_as: Format of observations and meaning of actions, see `EnvConfig`.
         observation_space, action_space: Spaces of one robot.
-        observed: Space of the observables, which `observation_space` is unless they are shown as a
+        observed: Space of the observables, equal to `observation_space` unless they are shown as a
             vector.
-        view: What makes that vector of them, or None.
-        change: [1], largest change of an input in a step, over full scale, where actions change
-            inputs; None where they are inputs.
+        view: Converts them to that vector, or None.
+        change: [1], largest change of an input in a step, over full scale, if actions change
+            inputs; None if they are inputs.
         reward: Of a step.
-        inputs: Of the robot, and what actions stand for.
-        axes: The coordinates out of x, y and z that positions have, a slice of (3,).
+        inputs: Of the robot, represented by actions.
+        axes: Coordinates of positions among x, y and z, a slice of (3,).
         reference: Of the task.
     """
 
@@ -144,7 +144,7 @@ class EnvParts:
         """The sampled reference of a task.
 
         Raises:
-            ValueError: It is not finite, too far or too fast.
+            ValueError: It is not finite, out of reach or too fast.
         """
         if task == self.task:
             return self.reference
@@ -160,18 +160,18 @@ class EnvParts:
 
     @property
     def reading(self) -> Reading | None:
-        """What a file says of the vector and of what actions do; None where there is none."""
+        """Description, for files, of the vector and of the actions; None without a vector."""
         if self.view is None:
             return None
         own = {"period": self.control_period, "preview": self._preview}
         return replace(self.view.reading, **own, change=self.change or 0.0)
 
     def wanted(self, action: ndarray, previous: ndarray) -> ndarray:
-        """Inputs (..., n_inputs) over full scale that actions ask for.
+        """Inputs (..., n_inputs) over full scale requested by actions.
 
         Args:
             action: (..., n_inputs), in [-1, 1].
-            previous: (..., n_inputs), inputs in force over full scale.
+            previous: (..., n_inputs), current inputs over full scale.
         """
         if self.change is None:
             return action
@@ -182,7 +182,7 @@ class EnvParts:
         raise NotImplementedError
 
     def show_in(self, env: Any) -> None:
-        """Give an environment the attributes that all kinds have."""
+        """Set the attributes that all kinds of environments have."""
         env._parts, env._reward = self, self.reward
         env.task, env.axes, env.control_period = self.task, self.axes, self.control_period
         env.vector_layout, env.reading = self.vector_layout, self.reading
@@ -192,15 +192,15 @@ class EnvParts:
 
 
 class SimulatedParts(EnvParts):
-    """Any robot, simulated: what stands for it may be a twin or a beam model.
+    """Any simulated robot; the simulation may be a twin or a beam model.
 
     Attributes:
-        twin: What is simulated of a robot driven by length, its servos and camera; else None.
+        twin: Twin of a robot driven by length, with its servos and camera; else None.
         plant: Builds simulations.
-        noise_sizes: Of the observables whose sensors can have noise.
-        dimensions: Number d of the coordinates that positions have.
-        most: (n_tendons,) [N], what drives apply at most; lengths have no bound of their own.
-        is_resampled: Whether the task is sampled from a seed, anew for every episode.
+        noise_sizes: Sizes of the observables whose sensors can have noise.
+        dimensions: Number d of the coordinates of positions.
+        most: (n_tendons,) [N], largest tension of drives; lengths are not bounded here.
+        is_resampled: Whether the task is sampled from a new seed for every episode.
     """
 
     def __init__(self, config: EnvConfig) -> None:
@@ -209,7 +209,7 @@ class SimulatedParts(EnvParts):
         built = self.task.robot if self.twin is None else self.twin.robot
         self._rest: Start | None = None
         self._offset = 0.0 if self.twin is None else self.twin.rest_offset
-        # Policies do not know the twin.
+        # The twin is unknown to policies.
         self.plant = plant = _plant(config, built, speed_limit(self.task.robot), self.axes)
         sizes = with_room(plant.sizes, self.task.robot, len(self._preview))
         self.noise_sizes = {name: OBSERVABLES[name].space(sizes).shape[0] for name in SENSOR_NOISE}
@@ -229,7 +229,7 @@ class SimulatedParts(EnvParts):
             self.check_varied(config.randomization.varied)
 
     def servos(self, count: int | None = None) -> Servos | None:
-        """Servos of the twin, for one robot or for `count`; None of a robot driven by tension."""
+        """Servos of the twin, for one robot or `count`; None for a robot driven by tension."""
         twin = self.twin
         if twin is None:
             return None
@@ -244,7 +244,7 @@ class SimulatedParts(EnvParts):
         return SensorArray(self._sensors, self.plant.cells, self.control_period, count)
 
     def cameras(self, count: int | None = None) -> Camera | Cameras | None:
-        """Camera of the twin, of one robot or of `count`; None without errors."""
+        """Camera of the twin, for one robot or `count`; None without errors."""
         twin = self.twin
         delay = 0 if twin is None else round(twin.camera_delay / self.control_period)
         if twin is None or (twin.camera_noise == 0 and delay == 0):
@@ -253,7 +253,7 @@ class SimulatedParts(EnvParts):
         return Camera(*how) if count is None else Cameras(count, *how)
 
     def built_sensors(self, errors: float, seed: int) -> tuple[Sensor, ...]:
-        """Sensors of a robot whose specimen is sampled, with a scale of errors [1]."""
+        """Sensors with sampled deviations from the nominal ones, with a scale of errors [1]."""
         return tuple(sensor.with_imperfections(errors, seed >> 32) for sensor in self._sensors)
 
     def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
@@ -271,7 +271,7 @@ class SimulatedParts(EnvParts):
         return parsed
 
     def check_variation(self, variation: Mapping[str, Any]) -> None:
-        """Raise ValueError for a value, or one of an array, that this robot cannot have."""
+        """Raise ValueError for a value, or an array with a value, that this robot cannot have."""
         self.check_varied(
             name
             for name, value in variation.items()
@@ -279,39 +279,39 @@ class SimulatedParts(EnvParts):
         )
 
     def check_varied(self, names: Iterable[str]) -> None:
-        """Raise ValueError for what cannot vary of this robot."""
+        """Raise ValueError for parameters that cannot vary for this robot."""
         for name in names:
             why = incompatibility(name, self.task.robot)
             if why is not None:
                 raise ValueError(why)
 
     def is_sampled(self, options: ResetOptions) -> bool:
-        """Whether every episode with such options samples its own task."""
+        """Whether every episode with these options samples a new task."""
         return self.is_resampled and "seed" not in options.task
 
     def sampled(self, options: ResetOptions, generator: np.random.Generator) -> ResetOptions:
-        """Options with the seed of a task that is sampled; its duration stays."""
+        """Options with the seed of a sampled task; its duration is kept."""
         if not self.is_sampled(options):
             return options
         task = options.task | {"seed": int(generator.integers(2**31))}
         return replace(options, task=task, duration=options.duration or self.task.duration)
 
     def beginning(self, options: ResetOptions) -> Beginning:
-        """How an episode with such options begins.
+        """The beginning of an episode with these options.
 
         Raises:
-            ValueError: An option that the task has not, or a value out of range.
+            ValueError: An option that the task does not have, or a value out of range.
             EquilibriumError: There is no equilibrium at the start.
         """
         task = options.changed(self.task)
         return Beginning(task, self.reference_of(task), self._start(options, task))
 
     def _start(self, options: ResetOptions, task: Task) -> Start:
-        """How the options, or else the task, let a robot begin; most do as the one before.
+        """The start given by the options, or else the task; most starts equal the previous one.
 
         Raises:
             ValueError: A start out of range.
-            EquilibriumError: There is no equilibrium there.
+            EquilibriumError: There is no equilibrium at this start.
         """
         given = options.start_length if options.start_input is None else options.start_input
         chosen = np.array(task.start_input if given is None else given, float)
@@ -351,7 +351,7 @@ def make_env_task(config: EnvConfig) -> Task:
     """The task of an environment, made if it is a name.
 
     Raises:
-        ValueError: A bad name or option, or options or a robot for a task that is made already.
+        ValueError: A bad name or option, or options or a robot given for a finished task.
     """
     task, options = config.task, config.task_options
     check_argument("task", task, str | Task)
@@ -364,9 +364,9 @@ def make_env_task(config: EnvConfig) -> Task:
 
 
 def with_room(sizes: Sizes, robot: RobotParams, n_preview: int) -> Sizes:
-    """What sizes and bounds of a robot's observables depend on, with its actions and previews.
+    """The `Sizes` of a robot's observables, with its actions and previews.
 
-    They leave room for noise, and for the errors of servos and cameras of any twin.
+    They include margins for noise, and for the errors of servos and cameras of any twin.
     """
     inputs = robot_inputs(robot)
     own = {"robot": robot, "n_preview": n_preview, "n_inputs": inputs.n_inputs, "noise": NOISE_ROOM}
@@ -377,13 +377,13 @@ def with_room(sizes: Sizes, robot: RobotParams, n_preview: int) -> Sizes:
         **own,
         pulled=float(inputs.input_scale.max()) + LARGEST_ERROR,
         tip_room=FARTHEST * LARGEST_NOISE,
-        # Pictures are half a period of the camera apart, or more.
+        # Pictures are at least half a camera period apart.
         speed_room=4 * FARTHEST * LARGEST_NOISE / CAMERA_PERIOD,
     )
 
 
 def _twin_for(robot: RobotParams, given: Twin | int | None) -> Twin | None:
-    """What is simulated of a robot driven by length; None of one driven by tension."""
+    """The twin of a robot driven by length; None for one driven by tension."""
     if robot.drive.kind == "tension":
         if given is not None:
             raise ValueError(

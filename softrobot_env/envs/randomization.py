@@ -1,4 +1,4 @@
-"""What is sampled anew for every episode (domain randomisation)."""
+"""Parameters sampled for every episode (domain randomisation)."""
 
 from dataclasses import dataclass
 
@@ -11,24 +11,24 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, init=False)
 class Randomization:
-    """Ranges of what varies between episodes: of the robot, its drives and its sensors.
+    """Ranges of parameters that vary between episodes: of the robot, its drives and sensors.
 
         Randomization(youngs_modulus=(0.5, 1.5), delay=(0.0, 0.02))
 
     The names are those of the reset option `vary`, `robots.variations.VARIATIONS`. Factors [1] are
-    sampled log-uniformly, amounts uniformly; a delay [s] is rounded to whole control periods.
+    sampled log-uniformly, other values uniformly; a delay [s] is rounded to whole control periods.
 
     Attributes:
-        ranges: Smallest and largest values by name, of everything that can vary.
+        ranges: Smallest and largest values by name, of all parameters that can vary.
     """
 
     ranges: dict[str, Range]
 
     def __init__(self, ranges: dict[str, Range] | None = None, **more: Range) -> None:
-        """Ranges of some, by keyword or together; all else stays as it is.
+        """Ranges of some parameters, by keyword or as a dict; all others stay nominal.
 
         Raises:
-            ValueError: An unknown name, or a range that is none; says what is allowed.
+            ValueError: An unknown name, or an invalid range; the message says what is allowed.
         """
         given = {**(ranges or {}), **more}
         for name, ends in given.items():
@@ -43,7 +43,7 @@ class Randomization:
 
     @property
     def varied(self) -> dict[str, Range]:
-        """Ranges of what differs from the nominal robot, at least in some episodes."""
+        """Ranges that contain values different from the nominal ones."""
         return {
             name: ends
             for name, ends in self.ranges.items()
@@ -51,13 +51,13 @@ class Randomization:
         }
 
     def fitting(self, robot: object) -> "Randomization":
-        """Without what cannot vary of a robot (`RobotParams`)."""
+        """The same without the parameters that cannot vary for a robot (`RobotParams`)."""
         return Randomization(
             **{n: ends for n, ends in self.varied.items() if incompatibility(n, robot) is None}
         )
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        """Values by name, of what varies; the same from the same seed."""
+        """Sampled values by name; the same seed gives the same values."""
         ranges = self.varied
         sampled = {
             name: _sample(rng, low, high, VARIATIONS[name].is_factor)
@@ -68,7 +68,7 @@ class Randomization:
 
 
 def incompatibility(name: str, robot: object) -> str | None:
-    """Why something cannot vary of a robot; None if it can."""
+    """Why a parameter cannot vary for a robot; None if it can."""
     why = VARIATIONS[name].incompatibility
     return None if why is None else why(robot)
 

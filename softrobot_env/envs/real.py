@@ -1,7 +1,7 @@
 """Tip tracking with a real robot; the contract of `TrackingEnv`.
 
-And the robot as the environment uses it: its hardware and tip source, what measurements of the tip
-say, and whether it has settled.
+It also contains the environment's view of the robot: its hardware and tip source, the filtered tip
+measurements, and the check that it has settled.
 """
 
 import os
@@ -53,15 +53,15 @@ from .options import REAL_OPTIONS, ResetOptions, one_action, parse_options
 from .parts import EnvParts, EpisodeSpec, make_env_task, with_room
 from .reference import ReferenceTable
 
-#: Needs hardware that measures forces.
+#: Observables that need hardware with force measurement.
 TENSION = "tendon_tension"
 
-#: What real robots can measure.
+#: Observables of real robots.
 _SEEN = tuple(name for name in EVERY if not name.startswith(("curvature", "motor_force", "anchor")))
 
 
 class StepClock:
-    """When steps are due. Lateness never builds up, and missed steps are never made up for."""
+    """Due times of steps. Lateness does not accumulate, and missed steps are not repeated."""
 
     def __init__(self, period: float) -> None:
         """A clock with a period [s]."""
@@ -72,11 +72,11 @@ class StepClock:
         self._due = monotonic()
 
     def begin(self) -> tuple[float, int]:
-        """A step begins.
+        """Begin a step.
 
         Returns:
-            Lateness [s], and how many whole periods are skipped: none when late by less than half
-            a period, as the next deadline is still met.
+            Lateness [s], and the number of whole periods skipped: none if late by less than half a
+            period, as the next deadline is still met.
         """
         late = monotonic() - self._due
         missed = floor(late / self._period + 0.5) if late > 0 else 0
@@ -85,7 +85,7 @@ class StepClock:
 
     @property
     def deadline(self) -> float:
-        """[s], end of the step that has begun."""
+        """[s], end of the current step."""
         return self._due + self._period
 
     def finish(self) -> None:
@@ -100,8 +100,8 @@ class RealParts(EnvParts):
     """A real robot.
 
     Attributes:
-        file: What is known of its hardware.
-        reach: Box of the tip positions that lie within reach.
+        file: Description of its hardware.
+        reach: Box of the reachable tip positions.
         speed: [m/s], limit of the tip's speed.
     """
 
@@ -154,11 +154,11 @@ class RealParts(EnvParts):
 
 
 def _choose_file(config: EnvConfig, task: Task) -> HardwareFile:
-    """What is known of the hardware: given, of the robot's file, or of the rig's default.
+    """Description of the hardware: given, from the robot's file, or the rig's default.
 
     Raises:
-        ValueError: What a file must not say, another number of tendons than the task's, or no file
-            says anything.
+        ValueError: A value that is not allowed, another number of tendons than the task's, or no
+            description at all.
         FileNotFoundError: No such file.
     """
     given, robot = config.robot_file, task.robot
@@ -182,9 +182,9 @@ def _choose_file(config: EnvConfig, task: Task) -> HardwareFile:
 
 
 def _check_period(file: HardwareFile, control_period: float) -> None:
-    """Raise ValueError for a control period [s] that does not fit to a robot file.
+    """Raise ValueError for a control period [s] that does not fit a robot file.
 
-    It must be longer than what the board waits to answer, and leave the watchdog some patience.
+    It must be longer than the board's wait before it answers, and well below the watchdog's time.
     """
     if control_period <= file.state_delay:
         raise ValueError(
@@ -206,30 +206,29 @@ class RealEnv(gymnasium.Env[Seen, ndarray]):
     takes one control period by the clock: the action goes out at once, the observation is taken at
     the period's end.
 
-    What differs, because this is no simulation:
+    Differences from the simulation:
 
-    * The robot begins where it is, at rest with tendons pretensioned; `reset` waits until the tip
-      stands still, and the clock starts with the first step. From then on a pause longer than the
+    * The robot begins at rest, where it is, with tendons pretensioned; `reset` waits until the tip
+    stands still, and the clock starts with the first step. From then on a pause longer than the
       watchdog of the robot file stops the robot.
     * `tip_position` is the newest measurement, some milliseconds old: `info["tip_age"]` [s];
-      `info["tip_refused"]` counts what came to its source and said nothing.
-      `info["error"]` is its distance to the reference of its own time.
-    * A step called late by half a period or more skips whole periods: the reference goes on,
-      `info["missed_steps"]` counts them, nothing is sent twice or in a burst.
-    * Actions beyond the calibrated range go as far as it allows: `info["limited"]` says so, and
-      `info["applied_action"]` what the servos were driven to.
-    * `info` also holds `lateness_s` of the call, `rtt_s` from the set-point to its answer (NaN if
-      there was none in its period; less than `state_delay` where a measurement was due anyway),
-      `obs_age_s` of what the hardware measured, `device_state`, counters of the link
+      `info["tip_refused"]` counts messages that its source could not use. `info["error"]` is its
+      distance to the reference of its own time.
+    * A step called late by half a period or more skips whole periods: the reference continues,
+    `info["missed_steps"]` counts them, and nothing is sent twice or in a burst.
+    * Actions beyond the calibrated range are limited to it: `info["limited"]` says so, and
+    `info["applied_action"]` holds the applied one.
+    * `info` also holds `lateness_s` of the call, `rtt_s` from the set-point to its answer (NaN
+    without an answer in its period; less than `state_delay` if a measurement was due anyway),
+      the age `obs_age_s` of the hardware's measurements, `device_state`, counters of the link
       (`link_crc_errors`, ...) and `fault` (a text, or empty).
     * A fault ends the episode, with its text in `info["failure"]` and the last valid observation:
-      `terminated` where a tendon pulled too hard (a limit that simulations have too), else
+      `terminated` if a tendon pulled too hard (a limit that simulations have too), else
       `truncated`. A microcontroller ramps down by itself, motors are ramped down by this program.
-      After it `step` and `reset` raise `RobotFaultError`, until
-      `reset(options={"clear_fault": True})`, which also opens a lost line anew and configures what
-      started again.
-    * At the end of an episode, in `close` and at the program's exit the robot is ramped down.
-      Any exception in the middle of a step is an emergency stop.
+      After it `step` and `reset` raise `RobotFaultError`, until `reset(options={"clear_fault":
+      True})`, which also reopens a lost line and configures a board that has restarted.
+    * At the end of an episode, in `close` and at the program's exit the robot is ramped down. Any
+    exception during a step causes an emergency stop.
 
     Attributes:
         task, control_period, vector_layout, reading: As in `TrackingEnv`.
@@ -247,10 +246,9 @@ class RealEnv(gymnasium.Env[Seen, ndarray]):
         """Build the environment; the robot is not touched before the first `reset`.
 
         Args:
-            task: A task or its name; only tasks that start at rest. The robot's usual one unless
-                given.
-            **options: Those that `takes` names, see `config.EnvConfig`, and of a task
-                given by name its own.
+            task: A task that starts at rest, or its name; by default the robot's usual one.
+            **options: Those named in `takes`, see `config.EnvConfig`, and those of a task given by
+                name.
 
         Raises:
             ValueError: An option out of range; the message names what is allowed.
@@ -278,12 +276,12 @@ class RealEnv(gymnasium.Env[Seen, ndarray]):
         """Bring the robot to rest and begin an episode; the first step starts the clock.
 
         Args:
-            seed: Of `np_random`, which nothing is sampled from.
+            seed: Of `np_random`, from which nothing is sampled.
             options: `REAL_OPTIONS` of `envs.options`, see there.
 
         Raises:
             ValueError: A bad option; the message names what is allowed.
-            RobotFaultError: A fault is latched and not to be cleared.
+            RobotFaultError: A fault is latched and must not be cleared.
             RobotError: The robot or the tip source does not answer, or the tip does not come to
                 rest.
         """
@@ -372,10 +370,10 @@ class RealEnv(gymnasium.Env[Seen, ndarray]):
     # ------------------------------------------------------------------ measurements
 
     def _look(self, now: float) -> None:
-        """Take in the newest measurements.
+        """Read the newest measurements.
 
         Raises:
-            StaleError: One is older than allowed, or the tip is out of reach.
+            StaleError: A measurement is older than allowed, or the tip is out of reach.
         """
         sight, reading = self._session.sight(), self._session.driver.reading
         ages = {"the tip source": now - sight.time, self._session.whose: reading.age(now)}
@@ -388,7 +386,7 @@ class RealEnv(gymnasium.Env[Seen, ndarray]):
         self._tip.add(self._parts.placed(sight))
 
     def _observe(self) -> Seen:
-        # Made anew: kept, they would keep an environment alive that nobody else refers to.
+        # Not stored: they would keep an environment alive that nothing else refers to.
         sources = Sources(
             _Measured(self._session, self._tip),
             lambda column: self._rows[column][self._index].copy,
@@ -462,7 +460,7 @@ class RealRigEnv(RealEnv, gymnasium.Env[Seen, ndarray]):
 
 
 class _Measured:
-    """What is measured of the robot; see `observations.table.Measured`."""
+    """Measurements of the robot, see `observations.table.Measured`."""
 
     def __init__(self, session: "RealSession", tip: "TipFilter") -> None:
         self.tip_position = lambda: tip.position.copy()
@@ -473,10 +471,10 @@ class _Measured:
 
 # ---------------------------------------------------------------- robot and tip
 
-#: The tip stands still where it moves by less than this [m] in this time [s].
+#: The tip stands still if it moves by less than this [m] in this time [s].
 STILL, STILL_TIME = 1.5e-3, 0.4
 
-_LONGEST_REST = 10.0  # s, that a robot may swing
+_LONGEST_REST = 10.0  # s, for oscillations to decay
 _FIRST_SIGHT = 2.0  # s
 _POLL = 0.005  # s
 _ESTOP_ECHO = 0.3  # s
@@ -495,12 +493,12 @@ class NotStillError(RobotError):
 
 
 class TipFilter:
-    """Position and velocity of the tip, from its measurements as control instants find them.
+    """Position and velocity of the tip, from the measurements available at control instants.
 
     Attributes:
         position: (d,) [m].
-        velocity: (d,) [m/s], by difference to what the last instant with another picture found.
-        time: [s], when the newest was taken.
+        velocity: (d,) [m/s], difference to the last instant with another picture.
+        time: [s], when the newest picture was taken.
     """
 
     def __init__(self, first: TipMeasurement, reach: spaces.Box, speed: float = inf) -> None:
@@ -508,8 +506,8 @@ class TipFilter:
 
         Args:
             first: The first measurement.
-            reach: Positions (d,) [m] that the tip can have.
-            speed: [m/s] that it can have.
+            reach: Box of possible positions (d,) [m].
+            speed: [m/s], largest possible.
 
         Raises:
             StaleError: The tip is out of reach.
@@ -520,7 +518,7 @@ class TipFilter:
         self.velocity = np.zeros_like(first.position)
 
     def add(self, sight: TipMeasurement) -> None:
-        """The newest measurement at the next instant; the same one again changes nothing.
+        """Add the newest measurement at the next instant; a repeated one changes nothing.
 
         Raises:
             StaleError: The tip is out of reach, or too fast.
@@ -554,12 +552,12 @@ def wait_for_rest(look: Callable[[], TipMeasurement | None], source: str) -> Non
     """Wait until the tip stands still.
 
     Args:
-        look: The newest measurement of the tip, None before the first.
-        source: What the robot file says of the tip source.
+        look: Returns the newest measurement of the tip, None before the first.
+            source: Description of the tip source in the robot file.
 
-    Raises:
-        LinkError: No measurement comes.
-        NotStillError: The tip goes on moving.
+        Raises:
+            LinkError: No measurement arrives.
+            NotStillError: The tip keeps moving.
     """
     begin = monotonic()
     since, place = begin, _first_sight(look, source).position
@@ -588,7 +586,7 @@ def _first_sight(look: Callable[[], TipMeasurement | None], source: str) -> TipM
 
 
 class _Opened:
-    """What a session has opened, and will close."""
+    """Resources that a session has opened and will close."""
 
     def __init__(self) -> None:
         self.driver: Hardware | None = None
@@ -611,18 +609,18 @@ class _Opened:
 class RealSession:
     """A robot and its tip, opened when they are needed.
 
-    A session that nobody refers to any more is closed.
+    A session is closed when nothing refers to it any more.
     """
 
     def __init__(
         self, file: HardwareFile, line: Callable[[], Transport], tip: TipSource | None
     ) -> None:
-        """Nothing is opened yet.
+        """Prepare a session; nothing is opened yet.
 
         Args:
-            file: What is known of its hardware.
-            line: Opens the way to it.
-            tip: Measures the tip, instead of what the file names.
+            file: Description of the hardware.
+            line: Opens the connection to it.
+            tip: Source of tip measurements, instead of that in the file.
         """
         self.file, self._line = file, line
         self._range = np.array([[s.minimum, s.maximum] for s in file.tendons]).T
@@ -637,7 +635,7 @@ class RealSession:
         return self._opened.driver
 
     def check_process(self) -> None:
-        """Raise RuntimeError in a forked child, where nobody listens to the robot."""
+        """Raise RuntimeError in a forked child, where no thread listens to the robot."""
         if os.getpid() != self._owner:
             raise RuntimeError(
                 f"this robot is driven by process {self._owner}, and not by this child of it, "
@@ -651,13 +649,13 @@ class RealSession:
     # ------------------------------------------------------------------ between episodes
 
     def prepare(self, clear: bool) -> None:
-        """Connected, disarmed, and the tip standing still.
+        """Connect and disarm the robot, and wait until its tip stands still.
 
         Args:
             clear: Whether to clear a latched fault.
 
         Raises:
-            RobotFaultError: A fault is latched and not to be cleared, or cannot be.
+            RobotFaultError: A fault is latched and must not or cannot be cleared.
             RobotError: No answer, no tip, or no rest.
         """
         if clear and self.driver is not None:
@@ -686,7 +684,7 @@ class RealSession:
             raise
 
     def _revive(self) -> None:
-        """Clear a fault and begin a new connection; one that is broken is closed instead.
+        """Clear a fault and begin a new connection; a broken one is closed instead.
 
         Raises:
             RefusedError: The fault's cause is still there.
@@ -707,18 +705,18 @@ class RealSession:
     # ------------------------------------------------------------------ in an episode
 
     def command(self, length: ndarray, deadline: float) -> tuple[bool, float | None]:
-        """Send lengths (n,) [m], as far as the file's range allows, and await the answer.
+        """Send lengths (n,) [m], limited to the file's range, and wait for the answer.
 
-        Nothing is sent while a board is slow to answer what was sent before; measurements that
-        grow too old will tell.
+        Nothing is sent while the answer to the previous set-point is pending; the age of the
+        measurements reveals this.
 
         Args:
             length: (n,) [m].
             deadline: [s] of waiting.
 
         Returns:
-            Whether the range limited them, and the time [s] until the robot answered; None if it
-            has not in time.
+            Whether the range limited them, and the time [s] until the robot answered; None without
+            an answer in time.
 
         Raises:
             RobotFaultError: The robot has stopped.
@@ -738,18 +736,18 @@ class RealSession:
 
     @property
     def tip_refused(self) -> int:
-        """What the tip source got since it was opened and could not use."""
+        """Number of messages since opening that the tip source could not use."""
         return getattr(self._tip, "refused", 0)
 
     def end(self) -> None:
-        """Ramp down; a line that is lost is left to the watchdog."""
+        """Ramp down; if the line is lost, the watchdog does so."""
         with suppress(RobotError):
             self.driver.stop()
 
     def emergency_stop(self) -> None:
-        """Cut the power, and wait a little for the robot to say that it has.
+        """Cut the power, and wait briefly for the robot's confirmation.
 
-        A line that is lost is left to the watchdog.
+        If the line is lost, the watchdog stops the robot.
         """
         if self.driver is None:
             return
@@ -759,9 +757,9 @@ class RealSession:
 
 
 def _abandon(opened: _Opened, owner: int) -> None:
-    """Close what a lost session has left open, in the process that opened it.
+    """Close what an abandoned session has left open, in the process that opened it.
 
-    Garbage is collected by any thread, also by the one that listens to the robot, whose help
+    Garbage may be collected in any thread, including the one that listens to the robot, which
     closing needs.
     """
     if os.getpid() != owner:

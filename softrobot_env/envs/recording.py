@@ -1,4 +1,4 @@
-"""Wrappers that record which inputs environments had and where their tips were seen."""
+"""Wrappers that record the inputs and measured tips of environments."""
 
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,7 @@ class _Episodes:
         self._runs: list[list[tuple]] = []
 
     def begin(self) -> list[tuple]:
-        """A new run: time, age of the tip, action, tip and label of each row, to be added to."""
+        """Begin a new run: lists of time, age of the tip, action, tip and label of each row."""
         self._runs.append([])
         return self._runs[-1]
 
@@ -64,25 +64,25 @@ class _Episodes:
         )
 
     def write(self) -> None:
-        """Write what there is, once, if there is a path."""
+        """Write the recording, once, if there is a path."""
         if self._path is not None and any(self._runs):
             write_recording(self.recording(), self._path)
             self._runs = []
 
 
 class _Recorder:
-    """A wrapper that records what its method `_add` notes."""
+    """A wrapper that records rows by its method `_add`."""
 
     _episodes: _Episodes
 
     def reset(self, **arguments: Any) -> tuple[Seen, dict[str, Any]]:
-        """Begin another run, of those environments that are reset."""
+        """Begin a new run of the environments that are reset."""
         outcome = super().reset(**arguments)
         self._add(*outcome)
         return outcome
 
     def step(self, action: ndarray) -> tuple[Seen, Any, Any, Any, dict[str, Any]]:
-        """Go on, and note a row of each environment."""
+        """Make a step, and record a row for each environment."""
         outcome = super().step(action)
         self._add(outcome[0], outcome[-1])
         return outcome
@@ -97,7 +97,7 @@ class _Recorder:
         return self._episodes.recording()
 
     def close(self, **arguments: Any) -> None:
-        """Write what was recorded, and close what is wrapped."""
+        """Write the recording, and close the wrapped environment."""
         self._episodes.write()
         super().close(**arguments)
 
@@ -105,20 +105,18 @@ class _Recorder:
 class RecordEpisodes(_Recorder, gymnasium.Wrapper):
     """Records every episode of an environment, simulated or real, as a run of one recording.
 
-    A row is a control instant: the command in force until then, and the tip as the camera sees it
-    (noise and delay included); pictures that tell their age count at their own time. The step in
-    which an episode fails is left out.
+    A row is a control instant: the command applied until then, and the tip as the camera sees it
+    (including noise and delay); pictures with a known age are assigned to their own time. The step
+    in which an episode fails is left out.
 
-        env = RecordEpisodes(gymnasium.make("SoftRobot/Rig-v0"), "out/rig.csv")
-        ...
-        env.close()  # writes out/rig.csv and out/rig.toml
+        env = RecordEpisodes(gymnasium.make("SoftRobot/RigReach-v0"), "out/rig.csv") ... env.close()  # writes out/rig.csv and out/rig.toml
 
     Attributes:
-        label: Of the rows to come.
+        label: Label of the next rows.
     """
 
     def __init__(self, env: gymnasium.Env, path: Path | str | None = None) -> None:
-        """Record to memory, and on `close` to a file.
+        """Record to memory, and to a file on `close`.
 
         Args:
             env: The environment; it observes `tip_position` and `previous_action` in a dict.
@@ -133,7 +131,7 @@ class RecordEpisodes(_Recorder, gymnasium.Wrapper):
         self._run: list[tuple] = []
 
     def _add(self, observation: dict[str, ndarray], info: dict[str, Any]) -> None:
-        """Note a row; at time zero a run begins, and a failed step is left out."""
+        """Add a row; at time zero a run begins, and a failed step is left out."""
         if "failure" in info:
             return
         if info["time"] == 0:
@@ -144,18 +142,18 @@ class RecordEpisodes(_Recorder, gymnasium.Wrapper):
 
 
 class RecordVectorEpisodes(_Recorder, VectorWrapper):
-    """`RecordEpisodes` of many environments: a run for each episode of each of them.
+    """`RecordEpisodes` for vectorised environments: a run for each episode of each of them.
 
     Attributes:
-        label: Of the rows to come.
+        label: Label of the next rows.
     """
 
     def __init__(self, env: VectorEnv, path: Path | str | None = None) -> None:
-        """Arguments as of `RecordEpisodes`.
+        """Arguments as in `RecordEpisodes`.
 
         Raises:
-            ValueError: The environments do not observe what is needed, or begin episodes in the
-                step that ends one, whose last row they then do not show.
+            ValueError: The environments do not observe the required quantities, or reset in the
+                step that ends an episode, which hides its last row.
         """
         super().__init__(env)
         if env.metadata.get("autoreset_mode") == AutoresetMode.SAME_STEP:
@@ -164,7 +162,7 @@ class RecordVectorEpisodes(_Recorder, VectorWrapper):
         self._runs: list[list[tuple]] = [[] for _ in range(env.num_envs)]
 
     def _add(self, observation: dict[str, ndarray], info: dict[str, Any]) -> None:
-        """Note rows; at time zero a run begins, and failed steps are left out."""
+        """Add rows; at time zero a run begins, and failed steps are left out."""
         present, failed = info["_time"], info.get("_failure", np.zeros(self.num_envs, bool))
         for k in np.flatnonzero(present & ~failed):
             time = float(info["time"][k])

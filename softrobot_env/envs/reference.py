@@ -1,4 +1,4 @@
-"""The reference of a task, sampled where an environment needs it."""
+"""The reference of a task, sampled at an environment's control instants."""
 
 from dataclasses import dataclass
 from math import ceil
@@ -18,12 +18,12 @@ PLANE, TOP, SPACE = slice(0, 3, 2), slice(0, 2), slice(0, 3)
 #: The same by the axes of a task.
 AXES = {"xz": PLANE, "xy": TOP, "xyz": SPACE}
 
-#: Of the reach, by which a smooth path through solved points may lie beyond the straight robot.
+#: Share of the reach by which a smooth path through solved points may exceed the straight robot.
 _ROUNDING = 1e-6
 
 
 def own_axes(robot: RobotParams) -> slice:
-    """The coordinates that the tip of a robot has: x and z of a planar one, else all three."""
+    """The coordinates of a robot's tip: x and z for a planar one, else all three."""
     return PLANE if robot.moves_in_xz else SPACE
 
 
@@ -51,13 +51,13 @@ class ReferenceTable:
         return len(self.points) - 1
 
     def rows(self) -> dict[str, ndarray]:
-        """Copies of the columns by name, whose rows an episode may give away."""
+        """Copies of the columns by name, whose rows an episode may pass on."""
         names = ("position", "velocity", "acceleration", "preview")
         return {name: getattr(self, name).copy() for name in names}
 
 
 def instants(duration: float, control_period: float) -> int:
-    """Control periods that cover a duration [s]: at least one."""
+    """Number of control periods that cover a duration [s], at least one."""
     return max(1, ceil(duration / control_period - 1e-9))
 
 
@@ -66,7 +66,7 @@ def sample_reference(
 ) -> ReferenceTable:
     """Sample a task's reference at its control instants, and `preview` (k,) [s] after them.
 
-    Its velocity and acceleration are those a time `lead` [s] after them.
+    Its velocity and acceleration are sampled a time `lead` [s] later.
 
     Raises:
         ValueError: The reference is not finite, leaves the robot's reach, or is faster than
@@ -75,7 +75,7 @@ def sample_reference(
     axes, length = AXES[task.axes], task.robot.reach
     steps = instants(task.duration, control_period)
     now = np.arange(steps + 1) * control_period
-    # Rounding merges equal times, and puts those at a kink behind it.
+    # Rounding merges equal times, and moves those at a kink behind it.
     times = np.round(np.add.outer(now, np.concatenate(([0.0], preview))), 9)
     unique, where = np.unique(times, return_inverse=True)
     points = task.trajectory.position(unique)[:, axes]

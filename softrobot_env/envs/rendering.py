@@ -1,6 +1,6 @@
-"""Pictures of a running simulation, rendered from a scene of their own, with or without a display.
+"""Pictures of a running simulation, rendered from a separate scene, with or without a display.
 
-The simulated scene has nothing to see. A renderer builds the visible scene of the same robot,
+The simulated scene contains nothing visible. A renderer builds a visible scene of the same robot,
 copies the posture into it, and adds the reference, the target and the trail of the tip.
 """
 
@@ -39,12 +39,12 @@ _MAX_GEOMS = 2000
 _PATH_POINTS = 50
 _TRAIL_POINTS = 300
 _TRAIL_STEP = 0.008  # m between two points of the trail
-_FULL_SIZE = 0.4  # m of reach from which on target and tip are drawn in full size
+_FULL_SIZE = 0.4  # m of reach above which target and tip are drawn in full size
 
 _SPACE = 32  # GLFW's number of the key that pauses
 _MOST_FRICTION = 0.6  # largest friction coefficient [1] of the slider
 _MOST_FRICTION = 0.6  # largest friction coefficient [1] of the slider
-_PAUSE = 0.02  # s between two looks at a window that is paused
+_PAUSE = 0.02  # s between two checks of a paused window
 
 _PATH = np.array([0.40, 0.42, 0.48, 1.0])
 _TARGET = np.array([0.05, 0.65, 0.30, 1.0])
@@ -52,14 +52,14 @@ _WHITE = np.array([1.0, 1.0, 1.0, 1.0])
 _BAR = (0.55, 0.65, 0.6, 0.3)
 _SENSED_LINE = 0.0007  # m
 _WIDER = 2.5  # lines of tendons, which are thin on fingers, than of robots alone
-_BEFORE = 0.0045  # m towards the camera, so that a line is seen before its finger
+_BEFORE = 0.0045  # m towards the camera, so that a line is drawn in front of its finger
 _PIECE_POINTS = 6
 _TRAIL = np.array([0.05, 0.30, 0.90, 1.0])
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What a picture shows.
+    """Contents of a picture.
 
     Attributes:
         episode: Number of the episode; a new one clears the trail.
@@ -68,7 +68,8 @@ class Frame:
         tension: (n_tendons,) [N].
         target: (3,) [m], the reference now.
         path: (k, 3) [m], the whole reference; two points are shown as points.
-        jumps: Whether the reference jumps between the points of its path; then all are points.
+        jumps: Whether the reference jumps between the points of its path, which are then drawn as
+            points.
     """
 
     episode: int
@@ -99,7 +100,7 @@ def make_renderer(
 
 
 class Pictured:
-    """An environment that shows itself.
+    """An environment that can be rendered.
 
     Attributes:
         render_mode: None, "rgb_array" or "human".
@@ -110,13 +111,13 @@ class Pictured:
     _renderer: Any = None
 
     def _take_pictures(self, config: Any) -> None:
-        """Take the options, an `EnvConfig`; nothing is opened before the first picture."""
+        """Store the options, an `EnvConfig`; nothing is opened before the first picture."""
         self.render_mode, self._frame_size = config.render_mode, (config.width, config.height)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.control_period))}
 
     @property
     def metres_per_pixel(self) -> float | None:
-        """[m] in the plane of pictures that `render` makes as arrays; None before the first."""
+        """Scale [m per pixel] of the arrays that `render` returns; None before the first."""
         return None if self._renderer is None else self._renderer.metres / self._frame_size[1]
 
     def close(self) -> None:
@@ -144,7 +145,7 @@ class _Pictures:
         self._camera.fixedcamid = model.camera(FRONT_CAMERA).id
 
     def _see(self) -> mujoco.MjvScene:
-        """What there is to see, to which more may be added."""
+        """The scene to draw, to which more may be added."""
         seen = self._option, None, self._camera, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
         mujoco.mjv_updateScene(self._model, self._data, *seen)
         return self._scene
@@ -173,19 +174,19 @@ class WindowRenderer:
     """Shows frames in MuJoCo's viewer, not faster than real time.
 
     Attributes:
-        paused: Whether frames wait, which the space bar changes.
+        paused: Whether the display is paused, toggled by the space bar.
     """
 
     def __init__(self, config: SceneConfig, controls: bool = False) -> None:
-        """Open the window, with sliders for the drives if asked for. The space bar pauses.
+        """Open the window, with sliders for the drives if requested. The space bar pauses.
 
-        Where tendons rub there is one for their friction coefficient as well.
+        For tendons with friction there is also a slider for their friction coefficient.
 
         Raises:
             RenderError: There is no display.
         """
         try:
-            check_display()  # the viewer's thread would wait for ever after a failure
+            check_display()  # after a failure the viewer's thread would wait forever
         except RenderError as error:
             raise RenderError(
                 f'{error}; render_mode="human" needs one, render_mode="rgb_array" does not'
@@ -214,7 +215,7 @@ class WindowRenderer:
         self._last = (0.0, 0.0)  # simulated and wall-clock time [s] of the last frame
 
     def draw(self, frame: Frame) -> None:
-        """Update the window, after waiting until the frame is due; no picture is returned."""
+        """Update the window when the frame is due; no picture is returned."""
         while self.paused and self.is_open:
             self._window.sync()
             time.sleep(_PAUSE)
@@ -232,22 +233,22 @@ class WindowRenderer:
 
     @property
     def is_open(self) -> bool:
-        """Whether nobody has closed the window."""
+        """Whether the window is still open."""
         return self._window.is_running()
 
     @property
     def controls(self) -> ndarray:
-        """(nu,) where the sliders of the drives are [N or m], to be written to."""
+        """(nu,) values of the drives' sliders [N or m], which may be written to."""
         return self._drives
 
     @property
     def coefficient(self) -> float | None:
-        """Friction coefficient [1] that its slider says; None without one."""
+        """Friction coefficient [1] of the slider; None without one."""
         own = self._view.data.ctrl[len(self._drives) :]
         return float(own[0]) if len(own) else None
 
     def push(self, data: mujoco.MjData) -> None:
-        """Let the force of the mouse act on the bodies of the simulated scene."""
+        """Apply the force of the mouse to the bodies of the simulated scene."""
         seen = self._view.data
         for body in range(1, data.model.nbody):
             name = data.model.body(body).name
@@ -260,7 +261,7 @@ class WindowRenderer:
     def close(self) -> None:
         """Close the window."""
         self._window.close()
-        for thread in self._threads:  # still in OpenGL; leaving Python under it would crash
+        for thread in self._threads:  # still in OpenGL; exiting Python would crash
             thread.join(timeout=5.0)
 
 
@@ -268,7 +269,7 @@ class _View:
     """The visible scene, its posture, and the trail of the tip."""
 
     def __init__(self, config: SceneConfig, aspect: float, coefficient: float = 0.0) -> None:
-        """See a scene; with a slider for a friction coefficient, unless that is zero."""
+        """Build the view of a scene; with a slider for a friction coefficient unless it is zero."""
         drawn = replace(
             visible(replace(config, robot=_as_it_looks(config.robot)), aspect),
             timestep=None,
@@ -279,8 +280,8 @@ class _View:
         self.model = build_scene(drawn).model if not coefficient else _with_slider(drawn)
         self.data = mujoco.MjData(self.model)
         self.data.ctrl[self.model.nu - 1 :] = coefficient
-        # Layers lie in front of the body, which in space comes nearer by up to its reach. Moved
-        # along the line of sight they stay where they are in the picture.
+        # Layers lie in front of the body, which in space may come nearer by its reach. Moving them
+        # along the line of sight does not change the picture.
         room = config.robot.reach if config.bending == "spatial" else 0.0
         self._front = config.robot.backbone.widest + room
         self._disc_size = min(1.0, config.robot.reach / _FULL_SIZE)
@@ -290,7 +291,7 @@ class _View:
         self._episode = 0
 
     def update(self, frame: Frame) -> None:
-        """Take over posture and tensions; a diverged posture leaves the last one standing."""
+        """Copy posture and tensions; after a divergence the last posture is kept."""
         if np.all(np.isfinite(frame.qpos)):
             self.data.qpos[:] = frame.qpos
         mujoco.mj_fwdPosition(self.model, self.data)
@@ -307,10 +308,10 @@ class _View:
         """Add reference, target, trail and tip.
 
         Args:
-            scene: Where they are added.
-            frame: What is shown.
-            flat: Whether they lie in layers in front of the body, as the fixed camera sees them;
-                else they are where they are, for cameras that move.
+            scene: Scene to add them to.
+            frame: The frame shown.
+            flat: Whether to draw them in layers in front of the body, for the fixed camera; else at
+                their true positions, for moving cameras.
         """
         pen, size, layer = _Pen(scene), self._disc_size, np.zeros((6, 1))
         if flat:
@@ -337,7 +338,7 @@ def _as_it_looks(robot: RobotParams) -> RobotParams:
 
 
 def _with_slider(config: SceneConfig) -> mujoco.MjModel:
-    """A visible scene with a drive of no force more, whose slider is a friction coefficient."""
+    """A visible scene with one more drive without force: its slider is a friction coefficient."""
     spec, first = build_chain(config).spec, config.robot.tendons[0].name
     slider = spec.add_actuator(name="friction_coefficient", target=first)
     slider.trntype, slider.gainprm[0] = mujoco.mjtTrn.mjTRN_TENDON, 0.0
@@ -346,12 +347,12 @@ def _with_slider(config: SceneConfig) -> mujoco.MjModel:
 
 
 class Lines:
-    """The drawn lines of a robot's tendons, in colours and widths that tell their tensions."""
+    """The drawn lines of a robot's tendons, coloured by their tensions."""
 
     def __init__(
         self, model: mujoco.MjModel, robot: RobotParams, prefix: str = "", wider: float = 1.0
     ) -> None:
-        """Find them, of a robot whose parts have names with a prefix, and make them wider [1]."""
+        """Find the lines of a robot whose names have a prefix, and widen them by a factor [1]."""
         self._model, self._width = model, wider * tendon_width(robot)
         self._limit = robot.of_tendons("tension_limit")
         self._lines = [_line_id(model, prefix + t.name) for t in robot.tendons]
@@ -364,7 +365,7 @@ class Lines:
 
 
 def _line_id(model: mujoco.MjModel, tendon: str) -> int:
-    """The drawn line of a tendon: its own for a channel, itself for guides."""
+    """The drawn line of a tendon: a separate one for a channel, the tendon itself for guides."""
     line = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON.value, TENDON_LINE.format(tendon))
     return line if line >= 0 else model.tendon(tendon).id
 
@@ -376,7 +377,7 @@ def _thinned(path: ndarray) -> ndarray:
 
 
 class _Pen:
-    """Adds lines and dots to a scene, as long as it has room."""
+    """Adds lines and dots to a scene while it has room."""
 
     def __init__(
         self, scene: mujoco.MjvScene, up: ndarray | None = None, towards: ndarray | None = None
@@ -412,20 +413,20 @@ class _Pen:
             return None
         geom, colour = scene.geoms[scene.ngeom], rgba.astype(np.float32)
         mujoco.mjv_initGeom(geom, kind.value, size, np.zeros(3), np.eye(3).ravel(), colour)
-        geom.emission = 0.3  # lines keep their colour in any light
+        geom.emission = 0.3  # independent of the light
         geom.category = mujoco.mjtCatBit.mjCAT_DECOR.value
         scene.ngeom += 1
         return geom
 
 
-#: Of circular arcs [rad]; the farthest tip of the rig is at about 2 rad.
+#: Angles of circular arcs [rad]; the farthest tip of the rig is at about 2 rad.
 _ANGLES = np.linspace(0.0, 2.2, 200)
 
 
 def lifted(robot: RobotParams, points: ndarray) -> ndarray:
     """Points (k, 3) [m] above x and y (k, 2) [m], where the tip of a circular arc would be.
 
-    Beyond the reach of an arc the height of the farthest one is taken.
+    Beyond the reach of an arc, the height of the farthest one is used.
     """
     head = robot.reach - robot.length
     half = np.sinc(_ANGLES / (2 * np.pi))  # sin(a / 2) / (a / 2)
@@ -472,7 +473,7 @@ class GripperRenderer(_Pictures):
         Args:
             qpos: (nq,), posture of fingers and bar.
             tension: (n_tendons,) [N], of all fingers in turn.
-            curvature: (pieces,) [1/m], of all fingers' pieces in turn, as sensors have it.
+            curvature: (pieces,) [1/m], of all fingers' pieces in turn, as measured by sensors.
         """
         self._data.qpos[:] = qpos
         mujoco.mj_forward(self._model, self._data)
@@ -503,8 +504,8 @@ BACKENDS = ("egl", "osmesa", "glfw")
 
 _OFF = ("disable", "disabled", "off", "false", "0")
 _ANY = ("", "enable", "enabled", "on", "true", "1")
-#: Pixels drawn for one of a picture along each side, which makes the edges of shadows smooth, and
-#: the side up to which that is affordable.
+#: Supersampling factor along each side, which smooths the edges of shadows, and the size up to
+#: which it is affordable.
 _FINER, _LARGE = 2, 1000
 
 _HELP = (
@@ -519,7 +520,7 @@ class RenderError(RuntimeError):
 
 
 def has_display() -> bool:
-    """Whether a window can be expected to open."""
+    """Whether a window is likely to open."""
     if platform.system() != "Linux":
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -536,14 +537,14 @@ def check_display() -> None:
     import glfw
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # GLFW tells the reason of a failure as a warning
+        warnings.simplefilter("ignore")  # GLFW gives the reason of a failure as a warning
         started = glfw.init()
     if not started:
         raise RenderError("the display cannot be opened: GLFW did not start")
 
 
 def candidate_backends() -> tuple[str, ...]:
-    """Backends to try: the one `MUJOCO_GL` names, else all that may work here.
+    """Backends to try: the one named by `MUJOCO_GL`, else all that may work here.
 
     Raises:
         RenderError: `MUJOCO_GL` switches rendering off or names no backend.
@@ -576,7 +577,7 @@ class OffscreenContext:
         """
         self._finer = _FINER if max(width, height) <= _LARGE else 1
         if self._finer > 1:
-            # Edges are smooth by then, and shadows finer than that cannot be seen.
+            # Edges are smooth then, and finer shadows are not visible.
             model.vis.quality.offsamples, model.vis.quality.shadowsize = 0, 2048
         width, height = self._finer * width, self._finer * height
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
@@ -618,7 +619,7 @@ def _open_first(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, mu
         platform_before = os.environ.get("PYOPENGL_PLATFORM")
         try:
             return _open(backend, model, width, height)
-        except Exception as error:  # a missing or broken driver shows in any type
+        except Exception as error:  # a missing or broken driver may raise any type
             reasons.append(f"{backend}: {error or type(error).__name__}")
         _forget_opengl(loaded, platform_before)
     raise RenderError(f"no OpenGL for offscreen pictures ({'; '.join(reasons)}). {_HELP}")

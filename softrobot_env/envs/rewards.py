@@ -16,7 +16,7 @@ from softrobot_env.robots import RobotParams
 
 from .observations.table import NEAR
 
-#: Names of the terms, as `info` has them.
+#: Names of the terms in `info`.
 TERMS = tuple(
     f"reward_{name}" for name in ("tracking", "precision", "effort", "smoothness", "failure")
 )
@@ -26,12 +26,12 @@ _ZERO = float64(0.0)
 
 
 class Outcome(NamedTuple):
-    """What a step led to, of one robot or of n.
+    """Outcome of a step, for one robot or n.
 
     Attributes:
         error: [m] or (n,) [m], distance between tip and reference.
         action, previous: (..., n_inputs) [1], inputs of this step and of the one before.
-        measured: The true state, functions as of `observations.table.Measured`.
+        measured: The true state, functions as in `observations.table.Measured`.
     """
 
     error: Any
@@ -42,7 +42,7 @@ class Outcome(NamedTuple):
 
 @dataclass(frozen=True)
 class RewardTerm(Record, what="reward term"):
-    """A term of one's own in a reward.
+    """A user-defined term of a reward.
 
     Attributes:
         name: In `info`, after "reward_".
@@ -57,13 +57,13 @@ class RewardTerm(Record, what="reward term"):
 class TrackingReward(Record, what="reward"):
     """Weights and scales of the reward terms; every term is dimensionless.
 
-    Terms come by their names in `info`, `TERMS`.
+    Terms are named in `info` as in `TERMS`.
 
     Attributes:
         coarse_scale, fine_scale: [m], errors at which the two tracking terms fall to 1/e.
         tracking, precision, effort, smoothness: Weights [1] of the terms.
         failure: Reward [1] of a step that ends in failure.
-        more: Terms of one's own, which are added.
+        more: User-defined terms, which are added.
     """
 
     coarse_scale: Positive = 0.05
@@ -77,7 +77,7 @@ class TrackingReward(Record, what="reward"):
 
     @property
     def none(self) -> dict[str, float64]:
-        """Terms of the start of an episode, which earns nothing."""
+        """Terms at the start of an episode: no reward."""
         return dict.fromkeys([*TERMS, *(f"reward_{term.name}" for term in self.more)], _ZERO)
 
     def _earned(self, error: Any, functions: Any) -> tuple[Any, Any]:
@@ -93,7 +93,7 @@ class TrackingReward(Record, what="reward"):
         Args:
             error: [m], distance between tip and reference at the end of the step.
             action, previous: (n_inputs,) [1], this step's action and the one before.
-            measured: As of `Outcome`, for terms of one's own.
+            measured: See `Outcome`, for user-defined terms.
         """
         size = len(action)
         tracking, precision = self._earned(error, math)
@@ -138,16 +138,15 @@ class TrackingReward(Record, what="reward"):
 
 @dataclass(frozen=True)
 class LogReward(TrackingReward):
-    """A reward that asks for less error at every scale, as agents that start from nothing need it.
+    """A reward for smaller errors at every scale, for agents trained from scratch.
 
     The term tracking is tracking (1 - log(1 + e / fine_scale) / log(1 + coarse_scale / fine_scale))
-    of an error e: to halve it earns about as much far away as near by. It is positive up to
-    `coarse_scale`, so that no agent gains by a failure. Other terms are as those of
-    `TrackingReward`.
+    for an error e: halving it earns about the same at any distance. It is positive up to
+    `coarse_scale`, so that no agent gains by a failure. Other terms are those of `TrackingReward`.
 
     Attributes:
-        coarse_scale: [m], error that earns nothing.
-        fine_scale: [m], below which less error earns little more.
+        coarse_scale: [m], error without reward.
+        fine_scale: [m], error below which smaller errors earn little more.
     """
 
     coarse_scale: Positive = 1.0
@@ -158,7 +157,7 @@ class LogReward(TrackingReward):
 
     @classmethod
     def of(cls, robot: RobotParams) -> "LogReward":
-        """With the scales of a robot: twice its reach, and `observations.table.NEAR` of it."""
+        """Use the scales of a robot: twice its reach, and `observations.table.NEAR` times it."""
         return cls(coarse_scale=2 * robot.reach, fine_scale=NEAR * robot.reach)
 
     def _earned(self, error: Any, functions: Any) -> tuple[Any, Any]:
@@ -187,15 +186,15 @@ def register_reward(
 def reward_of(
     reward: TrackingReward | str | None, robot: RobotParams, learns: bool
 ) -> TrackingReward:
-    """The reward that an environment was asked for.
+    """The reward of an environment.
 
     Args:
-        reward: It, its name, or None for the usual one.
-        robot: Whose scales it has.
-        learns: Whether "log" is the usual one.
+        reward: A reward, its name, or None for the default.
+        robot: The robot that defines its scales.
+        learns: Whether "log" is the default.
 
     Raises:
-        ValueError: Neither; the message names what is allowed.
+        ValueError: Neither a reward nor a known name; the message names what is allowed.
     """
     check_argument("reward", reward, TrackingReward | Literal[tuple(REWARDS)] | None)
     if isinstance(reward, TrackingReward):
@@ -205,10 +204,10 @@ def reward_of(
 
 @dataclass(frozen=True)
 class GripReward(Record, what="reward"):
-    """Weights of the reward's terms [1] of a gripper, which come by their names in `info`.
+    """Weights [1] of a gripper's reward terms, which are listed by name in `info`.
 
-    With the error e of the task over what counts as success, the term grip is
-    `grip` exp(-e), effort is -`effort` times the mean square of the tensions over their limits, and
+    With the error e of the task, relative to the limit for success, the term grip is `grip`
+    exp(-e), effort is -`effort` times the mean square of the tensions over their limits, and
     smoothness -`smoothness` times the mean square of the change of the actions.
     """
 

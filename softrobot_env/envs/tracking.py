@@ -27,7 +27,7 @@ __all__ = ["DEFAULT_PERIOD", "TrackingEnv"]
 
 _FIRST = np.array([0])
 
-#: What `_install` takes from a simulation anew; a copy or a pickle goes without.
+#: Attributes that `_install` takes from a simulation; copies and pickles omit them.
 _REBUILT = {
     "model",
     "data",
@@ -124,19 +124,18 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     resampled for every episode by `np_random`, with the same duration; `seed=` fixes it.
 
     Attributes:
-        takes: Names of its options, which `config.EnvConfig` explains.
+        takes: Names of its options, see `config.EnvConfig`.
         config: The options.
         task: The task, `task.robot` its nominal robot.
-        twin: What is simulated for a robot driven by length, hidden from policies; None for
-            others.
+        twin: The simulated twin of a robot driven by length, unknown to policies; None for others.
         control_period: [s].
-        axes: The coordinates among x, y and z that positions have, a slice of (3,).
+        axes: Coordinates of positions among x, y and z, a slice of (3,).
         input_scale: (n_inputs,) [N] or [m], input of a full-scale action.
         observe_as, act_as: As given, or the defaults.
         vector_layout: Slices of an observation by name, if it is one vector; otherwise None.
-        reading: What a file says of that vector, see `vector_reading`.
+        reading: Description of that vector for files, see `vector_reading`.
         model, data: The MuJoCo objects of the running scene; None with another plant.
-        current_task: The task of the running episode: `task`, with what was sampled and given to
+        current_task: The task of the running episode: `task`, with sampled values and options of
             `reset`.
         simulation: The running simulation, replaced by a reset that varies the robot.
         command: (nu,) commands of the drives [N or m], which can be written to act without
@@ -154,8 +153,8 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
 
         Args:
             task: A task or its name.
-            **options: Those that `TrackingEnv.takes` names, see `config.EnvConfig`, and of a task
-                given by name its own, see `tasks.make_task`.
+            **options: Those named in `TrackingEnv.takes`, see `config.EnvConfig`, and those of a
+                task given by name, see `tasks.make_task`.
 
         Raises:
             ValueError: An option out of range; the message names what is allowed.
@@ -179,7 +178,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         self._action: list[float] = self._action_array.tolist()
         self._rows: dict[str, ndarray] = {}
         self._last_observation: Seen | None = None
-        self._variation: dict[str, float64] = {}  # as `info` has it
+        self._variation: dict[str, float64] = {}  # as in `info`
         self._discretization = float64(parts.plant.discretization_error)
         self._install(parts.plant.simulation({}))
 
@@ -187,11 +186,11 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
 
     @property
     def scene(self) -> Scene | None:
-        """The scene of the running episode; None with another plant than the MuJoCo chain."""
+        """The scene of the running episode; None for plants other than the MuJoCo chain."""
         return self.simulation.scene
 
     def _install(self, simulation: Simulation | BeamSimulation) -> None:
-        """Connect to a simulation, so that a step looks nothing up."""
+        """Connect to a simulation, so that steps need no look-ups."""
         self.simulation = simulation
         self.model, self.data = simulation.model, simulation.data
         self._advance = simulation.advance
@@ -229,8 +228,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         Args:
             seed: Seed of `np_random`. Only `randomization` and the noise of sensors and of a twin's
                 camera sample from it.
-            options: `SIMULATED_OPTIONS` of `envs.options`, see there; each holds for this episode
-                only.
+            options: `SIMULATED_OPTIONS` of `envs.options`; each holds for this episode only.
 
         Raises:
             ValueError: A bad option; the message names what is allowed.
@@ -258,8 +256,8 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     def _bind_observation(self, index: int) -> None:
         """Prepare the observations from control instant `index` on.
 
-        Every observation takes the next row of the episode's own copies of the reference: none is
-        shared between observations, and none is copied in a step.
+        Every observation takes the next row of the episode's own copy of the reference: rows are
+        not shared between observations, and not copied in a step.
         """
         sources = Sources(
             self._readout,
@@ -269,7 +267,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         self._reads = reads(self._parts.observed, sources)
 
     def _parse(self, options: dict[str, Any] | None) -> ResetOptions:
-        """The checked options of a reset, with what is sampled."""
+        """The checked options of a reset, with sampled values."""
         parsed = self._parts.sampled(self._parts.parse_options(options), self.np_random)
         if self.config.randomization is None or "vary" in (options or {}):
             return parsed
@@ -277,11 +275,11 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         return replace(parsed, vary=rounded(sampled, self.control_period))
 
     def _start(self, options: ResetOptions, start: Start) -> None:
-        """Bring the simulation to a start; refuse what is wrong before anything is changed."""
+        """Bring the simulation to a start; errors are raised before anything is changed."""
         parts, vary = self._parts, options.vary
         robot_vary = {n: v for n, v in vary.items() if VARIATIONS[n].apply is not None}
         values = {n: np.array([vary.get(n, usual)]) for n, usual in BETWEEN.items()}
-        # The running simulation goes on if it is of the wanted robot.
+        # The running simulation is reused if it has the right robot.
         simulation = self.simulation
         if robot_vary != self._robot_vary:
             simulation = parts.plant.simulation(robot_vary)
@@ -376,8 +374,9 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         """Frame (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
 
         Raises:
-            RenderError: No OpenGL (or, in mode "human", no display); says what to install.
-            gymnasium.error.ResetNeeded: Nothing was started yet.
+            RenderError: No OpenGL (or, in mode "human", no display); the message says what to
+                install.
+            gymnasium.error.ResetNeeded: No episode has been started.
         """
         if self._last_observation is None:
             raise gymnasium.error.ResetNeeded("call reset() before render()")
@@ -413,7 +412,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         )
 
     def _in_space(self, points: ndarray) -> ndarray:
-        """Where to show points (k, d) [m] of the reference, (k, 3)."""
+        """Positions (k, 3) at which to show points (k, d) [m] of the reference."""
         if self.task.axes == "xy":
             return lifted(self.task.robot, points)
         base = self.task.robot.base

@@ -35,7 +35,7 @@ from .simulation.batch import BatchSimulation
 
 
 class _References:
-    """References of n environments: one that they share, or a row each once they differ.
+    """References of n environments: a shared one, or one row each once they differ.
 
     Attributes:
         columns: By name, (rows * instants, size), row by row.
@@ -48,7 +48,7 @@ class _References:
         self.columns = {name: arrays.real(column) for name, column in shared.rows().items()}
 
     def set(self, which: ndarray, table: ReferenceTable) -> None:
-        """Let environments `which` (k,) have a reference."""
+        """Set the reference of environments `which` (k,)."""
         if table is self._shared:
             return
         instants = table.last_index + 1
@@ -62,7 +62,7 @@ class _References:
             rows[robots, instants:] = column[-1]
 
     def _spread(self, instants: int) -> None:
-        """Give every environment a row of its own, of so many instants, the last one held."""
+        """Give every environment its own row of so many instants, in which the last one is held."""
         before = self._count if self._shared is None else 1
         for name, column in self.columns.items():
             kind, rows = namespace(column), column.reshape(before, self._instants, -1)
@@ -73,7 +73,7 @@ class _References:
         self._offset = np.arange(self._count) * instants
 
     def at(self, index: ndarray) -> ndarray:
-        """Where in `columns` the instants `index` (n,) of all environments stand."""
+        """Rows of `columns` with the instants `index` (n,) of all environments."""
         return self._arrays.index(self._offset + index)
 
     def rows(self, name: str, at: ndarray) -> ndarray:
@@ -82,12 +82,12 @@ class _References:
 
 
 class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
-    """Episodes of many robots at once: what begins, ends and restarts them.
+    """Episodes of many robots at once: their start, end and restart.
 
-    What a robot is, sees and earns is that of its class: hooks follow after `step`.
+    Subclasses define robots, observations and rewards by the hooks that follow `step`.
 
     Attributes:
-        takes: Names of the options that it has, which `config.EnvConfig` explains.
+        takes: Names of its options, see `config.EnvConfig`.
         config: The options.
         simulation: Of all.
         arrays: The kind of all arrays that are returned.
@@ -102,7 +102,7 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
     def _prepare(
         self, config: EnvConfig, observation: gymnasium.Space, action: gymnasium.Space
     ) -> None:
-        """Take the options and the spaces of one, before any episode has begun."""
+        """Store the options and the spaces of a single environment, before any episode."""
         self.config, self.num_envs = config, int(config.num_envs)
         self._mode = self.autoreset_mode = AutoresetMode(config.autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
@@ -128,9 +128,9 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
         """Start episodes at rest.
 
         Args:
-            seed: Seed of the first environment, the others follow; or one each.
-            options: Those that the class explains. And `reset_mask` (n,) bool, the environments to
-                reset, all unless given.
+            seed: Seed of the first environment, others get consecutive ones; or one each.
+            options: Those documented in the class, and `reset_mask` (n,) bool, the environments to
+                reset, by default all.
 
         Raises:
             ValueError: A bad option; the message names what is allowed.
@@ -151,10 +151,10 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
         """Apply actions (n, inputs) in [-1, 1] for one control period.
 
         Raises:
-            ValueError: Not so many real numbers, or one beyond [-1, 1] by more than 1e-6.
+            ValueError: A wrong number of real numbers, or one beyond [-1, 1] by more than 1e-6.
             RuntimeError: This is a forked child of the process that made the environments.
-            gymnasium.error.ResetNeeded: Nothing was started, or an episode is over and autoreset
-                is disabled.
+            gymnasium.error.ResetNeeded: No episode was started, or one is over and autoreset is
+            disabled.
         """
         if not self._started or (self._mode == AutoresetMode.DISABLED and self._done.any()):
             raise gymnasium.error.ResetNeeded("call reset() before step(): an episode is over")
@@ -184,20 +184,20 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
         return self._observation, sum(terms.values()), flags(failed), flags(over), info
 
     def _advance(self, ended: ndarray | None) -> ndarray:
-        """Integrate all but the ended (n,) bool; whether each (n,) diverged."""
+        """Integrate all except the ended (n,) bool; returns whether each (n,) diverged."""
         if ended is None:
             return self.simulation.advance()
         running = np.flatnonzero(~ended)
         return self.simulation.advance(running) & ~ended if len(running) else ~self._everyone
 
     def _where(self, mask: ndarray) -> ndarray:
-        """What picks the environments of a mask (n,) bool out of arrays."""
+        """Index that selects the environments of a mask (n,) bool from arrays."""
         return self.arrays.index(np.flatnonzero(mask))
 
     def _fail(
         self, failed: ndarray, diverged: ndarray, terms: dict[str, ndarray], before: Seen
     ) -> dict[str, ndarray]:
-        """Penalise failed episodes, show what was seen before, and say what happened."""
+        """Penalise failed episodes, restore the previous observation, and report the failure."""
         texts, where = np.full(self.num_envs, None, object), self._where(failed)
         for i in np.flatnonzero(failed):
             texts[i] = self._what_failed(i, diverged[i], self._index[i] * self.control_period)
@@ -208,7 +208,7 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
         return {"failure": texts, "_failure": self.arrays.flags(failed.copy())}
 
     def _restarted(self, last: dict[str, Any]) -> dict[str, Any]:
-        """`info` of episodes that begin in the step that ended others, whose `info` is `last`."""
+        """`info` of episodes that begin in the step that ended others with `info` `last`."""
         done = self.arrays.flags(self._done.copy())
         final = {"final_obs": self._observation, "_final_obs": done}
         final |= {"final_info": last, "_final_info": done}
@@ -221,34 +221,34 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
         return self._info_of(terms) | final
 
     def _masked(self, info: dict[str, Any]) -> dict[str, Any]:
-        """`info` with masks that say that all environments have it."""
+        """`info` with masks that mark all environments."""
         everyone = self.arrays.flags(self._everyone.copy())
         return info | dict.fromkeys([f"_{name}" for name in info], everyone)
 
     # ------------------------------------------------------------------ of each class
 
     def _parsed(self, given: dict[str, Any]) -> Callable[[ndarray], None]:
-        """What starts episodes of environments (k,) with options of a reset; refuses bad ones."""
+        """Function that starts episodes of environments (k,) with a reset's checked options."""
 
     def _begin(self, which: ndarray) -> None:
-        """Start usual episodes of the environments `which` (k,)."""
+        """Start episodes of the environments `which` (k,) without options."""
 
     def _act(self, actions: ndarray, ended: ndarray | None) -> None:
-        """Command what actions (n, inputs) ask for; those of the ended (n,) bool do not count."""
+        """Apply actions (n, inputs), except those of the ended (n,) bool."""
 
     def _observe(self, started: ndarray | None = None) -> Seen:
-        """New arrays (n, ...), which the caller may keep; updates error and read-outs too.
+        """New arrays (n, ...), which the caller may keep; also updates error and outputs.
 
         Args:
-            started: (k,) int, the environments at another instant than in the last observation;
-                all unless given.
+            started: (k,) int, the environments whose instant has changed since the last
+                observation; by default all.
         """
 
     def _outside(self) -> ndarray:
         """(n,) bool, which robots failed without a divergence."""
 
     def _terms(self, previous: ndarray) -> dict[str, ndarray]:
-        """Terms (n,) of the reward, after actions (n, inputs) before the ones in force."""
+        """Terms (n,) of the reward, given the previous actions (n, inputs)."""
 
     def _what_failed(self, i: int, diverged: bool, time: float) -> str:
         """Why the episode of environment `i` failed at a time [s]."""
@@ -258,7 +258,7 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
 
 
 class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
-    """`TrackingEnv` n times, simulated on a thread pool: the same episodes, step for step.
+    """n times `TrackingEnv`, simulated on a thread pool: the same episodes, step for step.
 
     Spaces, observations, rewards and options are those of the single environment, stacked along a
     first axis; `info` holds stacked arrays, with the masks of Gymnasium's convention.
@@ -268,9 +268,9 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
     `info["final_obs"]`; without autoreset ("disabled") call
     `reset(options={"reset_mask": mask})`.
 
-    Simulations run on threads of the process that made them: in a forked child `reset` and `step`
-    raise RuntimeError (start the child with "spawn"), and an environment can be neither copied nor
-    pickled (make another with the same arguments).
+    Simulations run on threads of the process that created them: in a forked child `reset` and
+    `step` raise RuntimeError (start the child with "spawn"), and an environment can be neither
+    copied nor pickled (create another with the same arguments).
 
     With `backend="warp"` MuJoCo Warp simulates the robots on a `device`, and observations, rewards,
     flags and numbers in `info` are tensors of PyTorch there. Actions may be tensors or arrays.
@@ -280,11 +280,11 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
     be arrays (n,).
 
     Attributes:
-        takes: Names of the options that it has, which `config.EnvConfig` explains.
+        takes: Names of its options, see `config.EnvConfig`.
         config: The options.
-        simulation: Of all robots, a `BatchSimulation`, or a `WarpBatch`.
-        arrays: The kind of all arrays that are returned.
-        task, twin, control_period, input_scale, vector_layout, reading: As of `TrackingEnv`.
+        simulation: Of all robots, a `BatchSimulation` or a `WarpBatch`.
+        arrays: Kind of the returned arrays.
+        task, twin, control_period, input_scale, vector_layout, reading: See `TrackingEnv`.
     """
 
     takes: ClassVar = VECTOR
@@ -295,12 +295,13 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         Args:
             num_envs: Their number n.
             task: A task or its name.
-            **options: Those that `VectorTrackingEnv.takes` names, see `config.EnvConfig`, and of a
-                task given by name its own.
+            **options: Those named in `VectorTrackingEnv.takes`, see `config.EnvConfig`, and those
+                of a task given by name.
 
         Raises:
             ValueError: An option out of range; the message names what is allowed.
-            ImportError: What the backend needs is not installed; says how to install it.
+            ImportError: A package of the backend is not installed; the message says how to install
+                it.
             TypeError: An unknown option.
         """
         config = EnvConfig.of(type(self), {"num_envs": num_envs, "task": task, **options})
@@ -328,7 +329,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         if self._servos is not None:
             self.simulation.drive_by(self._servos)
             self._target = self._servos.command
-        # State of the episodes, and what a step would otherwise look up.
+        # State of the episodes, and values that a step would otherwise look up.
         n = self.num_envs
         self._references = _References(n, parts.reference, self.arrays)
         self._command = parts.inputs.per_action(self.arrays).command
@@ -340,7 +341,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         self._usual = parts.parse_options({})
 
     def _measure(self) -> None:
-        """Connect to what is measured, through the sensors that there are."""
+        """Connect the measurements, through the existing sensors."""
         self._readout, references = self._periphery.readout(self._exact), self._references
         sources = Sources(
             self._readout,
@@ -359,7 +360,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         parsed = self._parts.parse_options(given)
         if variation is not None:
             self._parts.check_variation(variation)
-            for name, value in neutral().items():  # also what was registered since
+            for name, value in neutral().items():  # including variations registered later
                 self._variation.setdefault(name, np.full(self.num_envs, value))
             if self._on_device:
                 odd = (n for n, v in variation.items() if np.any(v != VARIATIONS[n].neutral))
@@ -377,7 +378,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
 
         Args:
             options: Of all of them.
-            variation: What robots they have; None for nominal or randomized ones.
+            variation: Variation of their robots; None for nominal or randomized ones.
             which: The environments.
         """
         starts = []

@@ -1,14 +1,14 @@
-"""What is measured of a running simulation: a chain, many chains, a beam model, through sensors.
+"""Measurements of a running simulation (a chain, many chains, a beam model), through sensors.
 
 Every readout has the functions of `table.Measured`, which return new arrays, and
 
-* `tip`: where the tip is, [m] as plain numbers or (n, 2);
+* `tip`: position of the tip, [m] as plain numbers or (n, 2);
 * `bend`: its mean curvatures [1/m], a new array at every `update`;
-* `true_length`: function that returns a new array of tendon lengths [m] as they are;
-* `truth`: function that returns what `info` says of the true state, None if sensors are exact;
+* `true_length`: function that returns a new array of true tendon lengths [m];
+* `truth`: function that returns the true state for `info`, None if sensors are exact;
 * `shape()`: rotation (1 or n, cells, 3) [1/m] of the parts between `cells` of its plant, as an
   array of NumPy;
-* `update()`: measure anew; what left the documented workspace, or None.
+* `update()`: measure again; returns what left the documented workspace, or None.
 """
 
 from collections import deque
@@ -37,13 +37,13 @@ if TYPE_CHECKING:  # compiled code takes time to load
     from softrobot_env.sensing.array import SensorArray
 
 
-#: Standard deviations at which noise ends, so that it has bounds.
+#: Standard deviations at which noise is truncated, so that it has bounds.
 FARTHEST = 6.0
 
-#: Standard deviations at scale 1 for which observation spaces leave room.
+#: Standard deviations at scale 1 that fit into the observation spaces.
 NOISE_ROOM = VARIATIONS["sensor_noise"].range[1] * FARTHEST
 
-#: Control instants, or pictures of many cameras, whose noise is sampled at once.
+#: Number of control instants, or pictures of many cameras, whose noise is sampled at once.
 _BLOCK = 64
 
 
@@ -53,7 +53,7 @@ def left_workspace(what: str, time: float) -> str:
 
 
 def sharp_bend(curvature: ndarray, limit: float, time: float) -> str | None:
-    """The sharpest of the bends (pieces,) [1/m], if it is beyond the limit, as text."""
+    """Message about the sharpest of the bends (pieces,) [1/m], if it exceeds the limit."""
     piece = int(np.argmax(np.abs(curvature)))
     if not abs(curvature[piece]) > limit:
         return None
@@ -64,18 +64,18 @@ def sharp_bend(curvature: ndarray, limit: float, time: float) -> str | None:
 
 
 class _ChainMeasures:
-    """How chains of a scene are measured, and within which limits they are in their workspace.
+    """How chains of a scene are measured, and the limits of their workspace.
 
     Attributes:
-        mean: (k, nv) [1/m], from hinge angles to the mean curvatures that are observed, see
+        mean: (k, nv) [1/m], from hinge angles to the observed mean curvatures, see
             `scene.chain.mean_curvature`.
-        fine: The same of the chain's own pieces, where the limit of curvature holds.
+        fine: The same for the chain's own pieces, to which the limit of curvature applies.
         directions: Numbers of curvatures of a piece: 1 in a plane, 2 in space, 3 with twist.
         curvature: [1/m], limit of any piece's bend, and of its twist.
         speed: [m/s], of the tip.
         turning: [rad/s], root of the sum of the squared hinge rates. No mean curvature of a piece
             changes faster than `curvature_rate_limit` below it.
-        slow: [rad/s], as `turning`; below it the tip is within its limit, too.
+        slow: [rad/s], like `turning`; below it the tip is within its speed limit, too.
     """
 
     def __init__(self, scene: Scene, robot: RobotParams, pieces: int, speed: float) -> None:
@@ -86,11 +86,11 @@ class _ChainMeasures:
         self.directions = len(self.mean) // pieces
         self.curvature, self.speed = robot.curvature_limit, speed
         self.turning = curvature_rate_limit(robot, speed) / float(norm(self.mean, axis=1).max())
-        # No hinge has a longer moment arm than the reach: of slow hinges the tip is slow.
+        # No hinge has a longer lever arm than the reach: slow hinges mean a slow tip.
         self.slow = min(self.turning, self.speed / (robot.reach * sqrt(self.mean.shape[1])))
 
     def sharpness(self, fine: ndarray) -> ndarray:
-        """Bend or twist (..., pieces) [1/m], the larger, of its own pieces' curvatures (..., k)."""
+        """The larger of bend and twist (..., pieces) [1/m], from curvatures (..., k) of pieces."""
         if self.directions == 1:
             return abs(fine)
         kind, parts = namespace(fine), abs(fine).reshape(*fine.shape[:-1], -1, self.directions)
@@ -100,7 +100,7 @@ class _ChainMeasures:
     def what_left(
         self, fine: ndarray, velocity: ndarray, rates: ndarray, time: float
     ) -> str | None:
-        """What is beyond the limits, or None.
+        """Message about a value beyond the limits, or None.
 
         Args:
             fine: (k,) [1/m], curvatures of the chain's own pieces.
@@ -142,8 +142,9 @@ class _Chains:
             robot: The robot.
             pieces: Number of pieces whose curvature is measured.
             speed: [m/s], limit of the tip's speed.
-            axes: Coordinates out of x, y and z of the tip that are measured.
-            servos: What drives the tendons in length; measured are then the lengths pulled in.
+            axes: Measured coordinates of the tip, among x, y and z.
+            servos: Servos that drive the tendons by length; then the lengths pulled in are
+                measured.
         """
         scene, arrays = simulation.scene, getattr(simulation, "arrays", HOST)
         self._simulation, self._arrays = simulation, arrays
@@ -156,7 +157,7 @@ class _Chains:
         )
         self.tendon_tension = lambda: arrays.copy(source.actuator_force)
         if robot.has_capstan_friction:
-            # Friction is that of the last step, in which the tension was a little different.
+            # Friction is that of the last step, with a slightly different tension.
             self.anchor_tension = lambda: np.maximum(
                 source.actuator_force - simulation.tension_lost, 0.0
             )
@@ -171,15 +172,15 @@ class _Chains:
         self._bind()
         self.update()
 
-    # Functions that a readout keeps must not hold it: a cycle keeps its simulation, and so a model,
-    # until Python looks for cycles, hundreds of resets later.
+    # Functions stored by a readout must not refer to it: a cycle would keep its simulation and
+    # model until Python collects cycles, hundreds of resets later.
     def curvature(self) -> ndarray:
         """(..., k) [1/m]."""
         return self.bend
 
 
 class ChainReadout(_Chains):
-    """Exact measurements of a chain, through views that look nothing up in a step."""
+    """Exact measurements of a chain, through views, without look-ups during a step."""
 
     def _bind(self) -> None:
         measures, rates = self._measures, self._rates
@@ -206,10 +207,10 @@ class ChainReadout(_Chains):
 
 
 class BatchReadout(_Chains):
-    """Exact measurements of n chains, as arrays of the kind that their simulations have.
+    """Exact measurements of n chains, as arrays of the same kind as in their simulations.
 
     Attributes:
-        outside: (n,) bool, which robots left the workspace, with what `what_left` says.
+        outside: (n,) bool, which robots left the workspace, see `what_left`.
     """
 
     def _bind(self) -> None:
@@ -230,14 +231,14 @@ class BatchReadout(_Chains):
         return self.tip
 
     def update(self, _which: ndarray | None = None) -> None:
-        """Measure anew."""
+        """Measure again."""
         simulation, measures, arrays = self._simulation, self._measures, self._arrays
         angles, rates = arrays.real(simulation.qpos), arrays.real(simulation.qvel)
         self.tip = arrays.copy(self._tip)
         self.bend = self._bends = angles @ self._mean
         if self._fine is not self._mean:
             self._bends = angles @ self._fine
-        # Any NaN fails the first tests, and then every robot is looked at by itself.
+        # Any NaN fails the first tests; then every robot is checked individually.
         if _largest(self._bends) <= self._gentle and _largest(rates) <= self._slow:
             self.outside = self._nobody
             return
@@ -247,7 +248,7 @@ class BatchReadout(_Chains):
         self.outside = arrays.host(outside)
 
     def what_left(self, robot: int, time: float) -> str | None:
-        """What of one robot left the documented workspace, or None."""
+        """What left the documented workspace of one robot, or None."""
         own = (self._bends[robot], self._velocity[robot], self._simulation.qvel[robot])
         return self._measures.what_left(*map(self._arrays.host, own), time)
 
@@ -274,8 +275,9 @@ class BeamReadout:
 
         Args:
             simulation: A `simulation.plants.BeamSimulation`.
-            least, most: Bounds of what is measured.
-            servos: What drives the tendons in length; measured are then the lengths pulled in.
+            least, most: Bounds of the measurements.
+            servos: Servos that drive the tendons by length; then the lengths pulled in are
+                measured.
         """
         self._simulation, self._servos = simulation, servos
         self.shape = lambda: simulation.plant.shape(simulation.q)[None]
@@ -326,14 +328,14 @@ class BeamReadout:
         return (self._now.tendon_length if servos is None else servos.horn).copy()
 
     def _sharp_bend(self) -> str | None:
-        """The sharpest bend of a piece, to whatever side, if it is beyond the limit."""
+        """Message about the sharpest bend of a piece, in any direction, if it exceeds the limit."""
         bend = self.bend
         if self._directions == 2:
             bend = np.hypot(bend[0::2], bend[1::2])
         return sharp_bend(bend, self._limit, self._simulation.time)
 
     def _outside(self, values: ndarray) -> str:
-        """What lies farthest beyond its bounds, by their width."""
+        """The value farthest beyond its bounds, relative to their width."""
         beyond = np.maximum(self._low - values, values - self._high) / (self._high - self._low)
         worst = int(np.argmax(np.where(np.isnan(beyond), np.inf, beyond)))
         (name, k), time = self._names[worst], self._simulation.time
@@ -343,20 +345,21 @@ class BeamReadout:
         return left_workspace(f"{name}[{k}] = {values[worst]:.4g} is outside {bounds}", time)
 
 
-#: What `info` has where sensors show something else.
+#: True values that `info` contains if sensors show something else.
 _TRUE = ("tip_position", "curvature")
 
 
 class SensedReadout:
-    """A readout some of whose sensors err; `tip`, `bend` and `true_length` stay what they are."""
+    """A readout with some imperfect sensors; `tip`, `bend` and `true_length` stay exact."""
 
     def __init__(self, readout: Any, seen: dict[str, Read], look: Callable[..., Any]) -> None:
-        """Put sensors before a readout.
+        """Add sensors to a readout.
 
         Args:
             readout: The exact one.
-            seen: What sensors show, by name.
-            look: Brings them to the next control instant, with the true tip and the robots `which`.
+            seen: Sensor values, by name.
+            look: Advances them to the next control instant, given the true tip and the robots
+                `which`.
         """
         self._exact, self._seen, self._look = readout, seen, look
         for name in (*Measured.__annotations__, "true_length"):
@@ -366,13 +369,13 @@ class SensedReadout:
             self.truth = readout.truth
 
     def truth(self) -> dict[str, ndarray]:
-        """Of tip position [m] and curvature [1/m] what sensors show otherwise, for `info`."""
+        """True tip position [m] and curvature [1/m] if sensors show others, for `info`."""
         tip = np.array(self.tip) if namespace(self.tip) is np else self.tip
         true = dict(zip(_TRUE, (tip, self.bend), strict=True))
         return {name: value for name, value in true.items() if name in self._seen}
 
     def update(self, which: ndarray | None = None) -> str | None:
-        """Measure anew, and look at all robots or at `which` (k,); what left the workspace."""
+        """Measure all robots or `which` (k,) again; returns what left the workspace."""
         outside = self._exact.update(which)
         self.tip, self.bend = self._exact.tip, self._exact.bend
         self._look(self.tip, which)
@@ -389,7 +392,7 @@ def fitted(readout: Any, sensors: "SensorArray", robots: int | slice) -> SensedR
 
 
 def _normal(generator: np.random.Generator, shape: tuple[int, ...]) -> ndarray:
-    """Normal variates of deviation 1, which end at `FARTHEST`."""
+    """Standard normal variates, truncated at `FARTHEST`."""
     return np.clip(generator.standard_normal(shape), -FARTHEST, FARTHEST)
 
 
@@ -397,7 +400,7 @@ class SensorNoise:
     """White Gaussian noise of n robots' sensors, none until started.
 
     Normal variates beyond 6 standard deviations (one in 5e8) are set to 6. Every robot's noise
-    depends on its seed alone: all observables draw, observed or not.
+    depends only on its seed: noise is drawn for all observables, observed or not.
     """
 
     def __init__(self, count: int, sizes: dict[str, int]) -> None:
@@ -414,14 +417,14 @@ class SensorNoise:
         self._now = self._rows[:, 0]
 
     def start(self, robot: int, scale: float, seed: int | None) -> None:
-        """Start an episode of one robot with noise of a scale [1], None as seed if that is 0."""
+        """Start a robot's episode with noise of a scale [1]; the seed is None if that is 0."""
         self._scale[robot] = scale
         self._generators[robot] = None if seed is None else np.random.default_rng(seed)
         self._rows[robot] = 0.0
         self._at[robot] = _BLOCK - 1  # the next instant draws
 
     def advance(self, which: ndarray | None = None) -> None:
-        """Go on to the next control instant, all or the robots `which` (k,) int."""
+        """Advance all robots, or `which` (k,) int, to the next control instant."""
         which = self._everyone if which is None else which
         self._at[which] += 1
         for robot in np.flatnonzero(self._at == _BLOCK).tolist():
@@ -446,7 +449,7 @@ class SensorNoise:
 
 
 def noisy(readout: Any, noise: SensorNoise, robots: int | slice) -> SensedReadout:
-    """A readout with noise of `robots`: 0 where it is of one robot, `slice(None)` of many."""
+    """A readout with noise of `robots`: 0 for a single one, `slice(None)` for many."""
 
     def seen(name: str) -> Read:
         read = getattr(readout, name)
@@ -457,23 +460,23 @@ def noisy(readout: Any, noise: SensorNoise, robots: int | slice) -> SensedReadou
 
 
 class Camera:
-    """A camera that sees late and not exactly, one picture per `CAMERA_PERIOD` on average.
+    """A camera with delay and noise, which takes one picture per `CAMERA_PERIOD` on average.
 
-    Each is taken at the first control instant after it is due: from one to the next it is a whole
-    number of control periods, the one below or above a `CAMERA_PERIOD`, and one where a control
-    period is longer.
+    Each picture is taken at the first control instant after it is due: pictures are a whole number
+    of control periods apart, just below or above a `CAMERA_PERIOD`, and one if the control period
+    is longer.
 
     Attributes:
-        position: (coordinates,) [m], what the newest picture at hand says.
-        velocity: (coordinates,) [m/s], by difference to the picture before, over the time between.
+        position: (coordinates,) [m], from the newest available picture.
+        velocity: (coordinates,) [m/s], difference to the previous picture over the time between.
     """
 
     def __init__(
         self, noise: float, delay: int, control_period: float, coordinates: int = 2, seed: int = 0
     ) -> None:
-        """A camera with noise of standard deviation `noise` [m], `delay` control periods late.
+        """A camera with noise of standard deviation `noise` [m], late by `delay` control periods.
 
-        It sees so many coordinates.
+        It measures so many coordinates.
         """
         self._noise, self._delay, self._period = noise, delay, control_period
         self._frame, self._coordinates = CAMERA_PERIOD / control_period, coordinates
@@ -487,16 +490,16 @@ class Camera:
         self.position, self.velocity = np.zeros((2, self._coordinates))
 
     def start(self, _which: ndarray, seeds: list[int], tip: ndarray) -> None:
-        """Look at a tip at rest at (1, coordinates) [m] until there are two pictures."""
+        """Take two pictures of a tip at rest at (1, coordinates) [m]."""
         self._switch_on(seeds[0])
         for _ in range(self._delay + 2 * ceil(self._frame)):
             self.see(tip[0])
 
     def see(self, tip: ndarray) -> bool:
-        """Come to the next control instant, with the tip at (coordinates,) [m].
+        """Advance to the next control instant, with the tip at (coordinates,) [m].
 
         Returns:
-            Whether a picture is new.
+            Whether there is a new picture.
         """
         self._instant += 1
         if self._instant >= self._due:
@@ -512,12 +515,12 @@ class Camera:
 
     @property
     def age(self) -> float:
-        """How long ago [s] the newest picture at hand was taken."""
+        """Age [s] of the newest available picture."""
         return (self._instant - self._taken) * self._period
 
 
 class Cameras:
-    """As many as n robots: what `Camera` says of each, at once.
+    """Cameras of n robots, like `Camera` for each.
 
     Attributes:
         position, velocity: (n, coordinates) [m, m/s], see `Camera`.
@@ -526,13 +529,13 @@ class Cameras:
     def __init__(
         self, count: int, noise: float, delay: int, control_period: float, coordinates: int = 2
     ) -> None:
-        """Cameras that are to be started; arguments as `Camera`'s."""
+        """Cameras that have not been started; arguments as in `Camera`."""
         self._noise, self._delay, self._period = noise, delay, control_period
         self._frame = CAMERA_PERIOD / control_period
         self._everyone = np.arange(count)
         self._generators: list[np.random.Generator | None] = [None] * count
         self._normal = np.zeros((count, _BLOCK, coordinates))
-        # Rings of undeveloped pictures: there is one at an instant at most.
+        # Rings of pictures not yet available: at most one per instant.
         self._seen = np.zeros((count, delay + 1, coordinates))
         self._when = np.zeros((count, delay + 1), int)
         self._instant, self._due = np.zeros(count, int), np.zeros(count)
@@ -541,7 +544,7 @@ class Cameras:
         self.position, self.velocity = np.zeros((2, count, coordinates))
 
     def start(self, which: ndarray, seeds: list[int], tip: ndarray) -> None:
-        """Start cameras `which` (k,), each with a seed, before tips at rest at (k, coordinates)."""
+        """Start cameras `which` (k,), each with a seed, for tips at rest at (k, coordinates)."""
         for i, seed in zip(which.tolist(), seeds, strict=True):
             self._generators[i] = np.random.default_rng(seed)
         self._instant[which] = self._taken[which] = -1
@@ -553,11 +556,11 @@ class Cameras:
             self.see(tips, which)
 
     def see(self, tip: ndarray, which: ndarray | None = None) -> None:
-        """Come to the next control instant, all or `which` (k,); tips of all (n, coordinates)."""
+        """Advance all cameras, or `which` (k,), to the next instant; tips (n, coordinates)."""
         which = self._everyone if which is None else which
         self._instant[which] += 1
         self._take(which[self._instant[which] >= self._due[which]], tip)
-        # The oldest that is not developed yet; where there is none, it is an older one.
+        # The oldest picture not yet available; if there is none, this is an older one.
         oldest = self._when[which, self._developed[which] % (self._delay + 1)]
         late = oldest <= self._instant[which] - self._delay
         self._develop(which[late & (self._developed[which] < self._pictures[which])])
@@ -575,7 +578,7 @@ class Cameras:
         self._pictures[which] += 1
 
     def _develop(self, which: ndarray) -> None:
-        """Let the next pictures `which` (k,) be the newest."""
+        """Make the next pictures of cameras `which` (k,) available."""
         place = self._developed[which] % (self._delay + 1)
         seen, taken = self._seen[which, place], self._when[which, place]
         passed = (taken - self._taken[which]) * self._period
@@ -585,7 +588,7 @@ class Cameras:
 
 
 def filmed(readout: ChainReadout | BatchReadout, camera: Camera | Cameras) -> SensedReadout:
-    """A readout with the tip as cameras see it; every `update` is their next control instant."""
+    """A readout of the tip through cameras; every `update` is their next control instant."""
     seen = {
         "tip_position": lambda: like(camera.position.copy(), readout.tip),
         "tip_velocity": lambda: like(camera.velocity.copy(), readout.tip),

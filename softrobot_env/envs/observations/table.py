@@ -1,7 +1,7 @@
-"""What an agent can observe: every quantity with its size, bounds, unit, source and noise, once.
+"""The observables of agents: each with its size, bounds, unit, source and noise.
 
 An agent sees a dict of them in SI units, or one vector of order 1 (`VectorView`), as learning
-libraries expect it.
+libraries expect.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -24,18 +24,18 @@ from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.timestep import slowest
 from softrobot_env.sensing.optics import readings
 
-#: Fastest reference an environment accepts, in lengths of the straight robot per second, and the
-#: largest acceleration, in lengths per second squared.
+#: Fastest reference that an environment accepts, in lengths of the straight robot per second, and
+#: the largest acceleration, in lengths per second squared.
 REFERENCE_SPEED, REFERENCE_ACCELERATION = 10.0, 1000.0
 
-#: Times the speed that a robot's material, tendons and weight can give, it may be measured: varied
-#: robots are faster, and in whips the tip is.
+#: Factor of the measurable speed on the one that a robot's material, tendons and weight can cause:
+#: varied robots are faster, and so is the tip of a whip.
 SPEED_ROOM = 30.0
 
-#: Usual sizes [1]: how far a tip sways, over the reach, and how far the whole robot bends [rad].
+#: Typical sizes: lateral motion of a tip, over the reach [1], and bend of the whole robot [rad].
 _SWAY, _BEND = 0.05, 2.0
 
-#: Least scale of tendon lengths, over the robot's: that of tendons which no bend pulls in.
+#: Least scale of tendon lengths, over the robot's length: for tendons that no bend pulls in.
 _SHORTEST = 1e-3
 
 Read = Callable[[], ndarray]
@@ -44,9 +44,9 @@ Read = Callable[[], ndarray]
 def speed_limit(robot: RobotParams) -> float:
     """Speed [m/s] of the tip beyond which an episode fails.
 
-    Bending waves whose strains fold the material move it about as fast as sound, sqrt(E / rho), in
-    the section where it is fastest.
-    Full tensions along the length, and the fall over twice the reach, add their energy.
+    Bending waves with strains that fold the material move it about as fast as sound, sqrt(E / rho),
+    in the section where that is fastest. Full tensions along the length, and a fall over twice the
+    reach, add their energy.
     """
     pull = sum(tendon.tension_limit for tendon in robot.tendons) * robot.length / robot.mass
     fall = float(np.linalg.norm(robot.gravity)) * 2 * robot.reach
@@ -57,7 +57,7 @@ def speed_limit(robot: RobotParams) -> float:
 def curvature_rate_limit(robot: RobotParams, speed: float) -> float:
     """Rate [1/(m s)] of curvature beyond which an episode fails.
 
-    That of a wave of as much curvature as the robot takes, as long as its radius, at the limit of
+    That of a wave with the robot's largest curvature and the length of its radius, at the limit of
     speed [m/s].
     """
     return speed * robot.curvature_limit**2
@@ -73,10 +73,10 @@ class Sizes:
         pieces: Number of pieces whose curvature is observed.
         speed: [m/s], limit of the tip's speed.
         directions: Numbers of curvatures of a piece: 1 in a plane, 2 in space, 3 with torsion.
-        axes: Coordinates out of x, y and z that positions have, a slice of (3,).
+        axes: Coordinates of positions among x, y and z, a slice of (3,).
         n_preview: Number of preview times.
         n_inputs: Number of actions.
-        pulled: Largest length [m] that servos pull in, where they drive the tendons.
+        pulled: Largest length [m] that servos pull in, if they drive the tendons.
         tip_room: [m] by which a measured tip may lie beyond the robot's reach.
         speed_room: [m/s] by which a measured speed may lie beyond the limit.
         strain: Largest axial strain [1] of the robot's model.
@@ -115,7 +115,7 @@ class Sizes:
 
 
 class Measured(Protocol):
-    """Functions of a plant that return new arrays, of one robot (size,) or of n (n, size)."""
+    """Functions of a plant that return new arrays, (size,) for one robot or (n, size) for n."""
 
     tip_position: Read
     tip_velocity: Read
@@ -132,10 +132,10 @@ class Sources(NamedTuple):
     """Where observables come from: the plant, the reference at this instant, and the policy.
 
     Attributes:
-        measured: What is measured of the plant.
+        measured: Measurements of the plant.
         reference: Function from the name of a column of `reference.ReferenceTable` to a function
             that returns its row at this control instant.
-        action: Function that returns the action in force.
+        action: Function that returns the current action.
     """
 
     measured: Measured
@@ -145,17 +145,17 @@ class Sources(NamedTuple):
 
 @dataclass(frozen=True)
 class Observable:
-    """A quantity.
+    """An observable quantity.
 
     Attributes:
         unit: In SI.
-        space: Its box, bounds included.
-        read: Where it comes from.
-        scale: Its usual size about the middle of the box, of one robot or of each entry: that of
-            wide motions at the first frequency.
-        noise: Standard deviation of its sensor's noise of scale 1, new in every control period: a
-            policy that looks more often can average more of it.
-        usual: Of robots with which drives it is observed unless an environment is asked otherwise.
+        space: Its box, with bounds.
+        read: Makes the function that reads it.
+        scale: Its typical deviation from the middle of the box, one for all entries or one each:
+            that of wide motions at the first frequency.
+        noise: Standard deviation of its sensor's noise at scale 1, independent in every control
+            period: a policy that samples more often can average more of it out.
+        usual: Kinds of drives of the robots for which it is observed by default.
     """
 
     unit: str
@@ -167,7 +167,7 @@ class Observable:
 
 
 def known_of(robot: RobotParams) -> tuple[str, ...]:
-    """Names of the observables that a robot has: those of parts only if it has these."""
+    """Names of a robot's observables: those of optional parts only if it has them."""
     missing = {"sensors"} if not robot.sensors else set()
     if robot.drive.gain is None:
         missing.add("motor_force")
@@ -177,7 +177,7 @@ def known_of(robot: RobotParams) -> tuple[str, ...]:
 
 
 def usual_of(robot: RobotParams) -> tuple[str, ...]:
-    """Names of the observables of an environment that is not asked for others."""
+    """Names of the observables of an environment by default."""
     drive = robot.drive.kind
     return tuple(name for name, one in OBSERVABLES.registered().items() if drive in one.usual)
 
@@ -204,13 +204,13 @@ def _tendon_tension(s: Sizes) -> spaces.Box:
 
 
 def _anchor_tension(s: Sizes) -> spaces.Box:
-    """Up to what friction lets a tendon hold that was pulled by the most and then let go."""
+    """Up to the tension that friction holds in a tendon pulled by the limit, then released."""
     high = s.robot.of_tendons("tension_limit") * np.exp(s.robot.most_exponents)
     return spaces.Box(np.zeros_like(high), high, dtype=np.float64)
 
 
 def _tendon_length(s: Sizes) -> spaces.Box:
-    """Lengths inside the robot, or pulled in where servos drive the tendons."""
+    """Lengths inside the robot, or lengths pulled in if servos drive the tendons."""
     if s.pulled is not None:
         return symmetric(len(s.robot.tendons), s.pulled)
     ends = s.robot.of_tendons("straight_length")
@@ -232,7 +232,7 @@ def _bend_scale(s: Sizes) -> float:
 
 
 def _length_scale(s: Sizes) -> ndarray:
-    """Of tendons, as far as the bend of usual size pulls them in, or half the servos' way."""
+    """Length by which a typical bend pulls tendons in, or half of the servos' travel."""
     if s.pulled is not None:
         return np.full(len(s.robot.tendons), s.pulled / 2)
     pulled = (t.straight_length * t.farthest * _bend_scale(s) for t in s.robot.tendons)
@@ -241,8 +241,8 @@ def _length_scale(s: Sizes) -> ndarray:
 
 _ALWAYS = ("tension", "length")
 
-#: Every observable. Positions have the coordinates that the task names; curvatures are piece by
-#: piece, of a spatial robot (beta, gamma) each, and torsion where it twists.
+#: Every observable. Positions have the coordinates that the task names; curvatures are listed piece
+#: by piece, (beta, gamma) each for a spatial robot, plus torsion if it twists.
 OBSERVABLES: Registry[Observable] = Registry(
     "observable",
     {
@@ -346,16 +346,16 @@ OBSERVABLES: Registry[Observable] = Registry(
     },
 )
 
-#: Those that "all" stands for: the sensors cost time and their noise draws from the environment's
-#: generator, and what is registered is for those who ask for it.
+#: Those included in "all": sensors cost time and their noise draws from the environment's
+#: generator, and registered observables are for those who name them.
 EVERY = tuple(name for name in OBSERVABLES.registered() if name != "sensors")
 
 
 def register_observable(name: str, observable: Observable, replace: bool = False) -> None:
-    """Add an observable of simulated robots, or replace one; environments are asked for it by name.
+    """Add an observable of simulated robots, or replace one; environments use it by name.
 
-    Its `read` gets measurements with the noise of their own sensors, of one robot (size,) or of
-    many (n, size).
+    Its `read` gets measurements with the noise of their own sensors, (size,) for one robot or (n,
+    size) for many.
 
     Raises:
         ValueError: The name is taken and `replace` is not set, or it has noise of its own.
@@ -372,12 +372,12 @@ SENSOR_NOISE = {name: o.noise for name, o in OBSERVABLES.registered().items() if
 def chosen(
     observe: tuple[str, ...] | str, known: tuple[str, ...], every: Iterable[str] = EVERY
 ) -> tuple[str, ...]:
-    """Names of the observables that an environment is asked for.
+    """Names of the requested observables.
 
     Args:
-        observe: Their names, or one name. Among them "all" stands for `every`: ("all", "sensors").
+        observe: Their names, or one name. "all" among them stands for `every`: ("all", "sensors").
         known: Names that the environment has.
-        every: Those that "all" stands for, if they are known.
+        every: Those included in "all", if they are known.
 
     Raises:
         ValueError: No name, an unknown name or a repeated one.
@@ -394,7 +394,7 @@ def chosen(
 def observation_space(
     observe: tuple[str, ...] | str, known: tuple[str, ...], sizes: Sizes
 ) -> spaces.Dict:
-    """Dict space of some of a robot's observables; arguments and errors as of `chosen`."""
+    """Dict space of some of a robot's observables; arguments and errors as in `chosen`."""
     boxes = {}
     for name in chosen(observe, known):
         box, room = OBSERVABLES[name].space(sizes), sizes.noise * OBSERVABLES[name].noise
@@ -404,12 +404,12 @@ def observation_space(
     return spaces.Dict(boxes)
 
 
-#: The same entries, later ones too: a reset, which knows the names, need ask no plug-in.
+#: A view of the same registry that does not load plug-ins: a reset already knows the names.
 _ENTRIES = OBSERVABLES.registered()
 
 
 def reads(observed: spaces.Dict, sources: Sources) -> list[tuple[str, Read]]:
-    """Names of the observables of a space, in its order, and what reads them."""
+    """Names of the observables of a space, in its order, and the functions that read them."""
     return [(name, _ENTRIES[name].read(sources)) for name in observed]
 
 
@@ -419,24 +419,25 @@ def arrays(observation: Seen) -> list[ndarray]:
 
 
 def each_of(observation: Seen, change: Callable[[ndarray], ndarray]) -> Seen:
-    """An observation of changed arrays, such as copies of them."""
+    """An observation with a function applied to its arrays, such as a copy."""
     if isinstance(observation, ndarray):
         return change(observation)
     return {name: change(value) for name, value in observation.items()}
 
 
-#: Scales of the tracking error in a vector, over the robot's reach: of far away, and of near by.
+#: Scales of the tracking error in a vector, over the robot's reach: far from and near the
+#: reference.
 FAR, NEAR = 0.1, 0.002
 
-#: Scale of how far the reference moves within the preview, over the robot's reach.
+#: Scale of the reference's motion within the preview, over the robot's reach.
 _AHEAD = 0.05
 
 
 class Entries(NamedTuple):
-    """Neighbours in a vector: asinh((`name` less `origin`) / scale).
+    """Consecutive entries of a vector: asinh((`name` - `origin`) / scale).
 
     Attributes:
-        label: What the entries are called.
+        label: Name of the entries.
         name: The observable.
         origin: Another observable, or numbers in its unit.
         scale: In its unit.
@@ -451,19 +452,19 @@ class Entries(NamedTuple):
 class VectorView:
     """Reads an observation, a dict in SI units, as one float32 vector.
 
-    Every entry is asinh(x / scale) of an x in SI units: like x / scale up to 1, like its logarithm
-    beyond, so that nothing is cut off and all bounds are small. Scales are the robot's own
-    (`Observable.scale`). Where the tip is observed too, the reference is its error, once over
-    `FAR` and once over `NEAR`; the preview is what lies ahead of the reference.
+    Every entry is asinh(x / scale) of an x in SI units: linear in x / scale up to 1 and logarithmic
+    beyond, so that nothing is clipped and all bounds are small. Scales belong to the robot
+    (`Observable.scale`). If the tip is observed too, the reference enters as its error, once over
+    `FAR` and once over `NEAR`, and the preview relative to the reference.
 
     Attributes:
         space: Box (k,) of float32, with the bounds of the observables.
         layout: Slices of the vector by name.
-        reading: What makes the vector of an observation.
+        reading: Description from which the vector of an observation is computed.
     """
 
     def __init__(self, observed: Mapping[str, spaces.Box], parts: list[Entries]) -> None:
-        """A view of observations in a space, one part of the vector behind the other."""
+        """A view of observations in a space, with the parts of the vector concatenated."""
         self._names = tuple(observed)
         where = _slices({name: box.shape[0] for name, box in observed.items()})
         self.layout = _slices({part.label: observed[part.name].shape[0] for part in parts})
@@ -493,7 +494,7 @@ class VectorView:
         least, most = (
             self.reading(*ends).astype(np.float32) for ends in ((low, high), (high, low))
         )
-        # Rounding may not bring a vector out of its space.
+        # Rounding must not take a vector out of its space.
         return spaces.Box(
             np.nextafter(least, -np.float32(np.inf)), np.nextafter(most, np.float32(np.inf))
         )
@@ -503,7 +504,7 @@ class VectorView:
         return self._read(observation, self.reading)
 
     def on(self, arrays: HostArrays) -> Callable[[Mapping[str, ndarray]], ndarray]:
-        """The same for observations that are `arrays`."""
+        """The same for observations made of `arrays`."""
         reading = self.reading.on(arrays)
         return lambda observation: self._read(observation, reading)
 
@@ -514,7 +515,7 @@ class VectorView:
 
 
 def _slices(sizes: Mapping[str, int]) -> dict[str, slice]:
-    """Where parts of these sizes lie, one behind the other."""
+    """Slices of concatenated parts of these sizes."""
     ends = np.cumsum(list(sizes.values())).tolist()
     return {
         name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
@@ -522,7 +523,7 @@ def _slices(sizes: Mapping[str, int]) -> dict[str, slice]:
 
 
 def entries(observed: spaces.Dict, sizes: Sizes) -> list[Entries]:
-    """What a vector holds of the observables of a robot's space."""
+    """Entries of the vector for the observables of a robot's space."""
     reach, parts = sizes.robot.reach, []
     for name, box in observed.items():
         middle, scale = (box.low + box.high) / 2, OBSERVABLES[name].scale(sizes)

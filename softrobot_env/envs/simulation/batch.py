@@ -1,7 +1,7 @@
-"""Many simulations of one scene, stepped on a thread pool, none hiding a diverged state.
+"""Many simulations of one scene, stepped on a thread pool, which report divergence.
 
 The pool is MuJoCo's, through its C interface: `mujoco.batch` of the Python package offers `mj_step`
-only; here any C function is run on all.
+only; here any C function can be run on all simulations.
 """
 
 import ctypes
@@ -27,17 +27,17 @@ from softrobot_env.scene.simulation import WORRYING, Simulation, inaccuracy
 from softrobot_env.scene.tendons import full_length
 from softrobot_env.scene.timestep import Pace
 
-#: Fields of a model that variations of the package scale or shift.
+#: Fields of a model that the package's variations scale or shift.
 VARIED = tuple(
     dict.fromkeys(
         field for one in VARIATIONS.registered().values() for field in (*one.scales, *one.shifts)
     )
 )
 
-#: Work [s] in a control period that pays for a thread: waking it up takes 20 to 50 µs.
+#: Work [s] in a control period that justifies a thread: waking one up takes 20 to 50 µs.
 WORTH = 80e-6
 
-#: Control periods that are timed for that.
+#: Number of control periods timed for that.
 _TIMED = 5
 
 
@@ -79,7 +79,7 @@ def _library() -> ctypes.CDLL:
 
 
 class Pool:
-    """n simulations of one model, each with a state and values of the model of its own.
+    """n simulations of one model, each with its own state and model values.
 
     Attributes:
         count: Number n of simulations.
@@ -92,10 +92,10 @@ class Pool:
         Args:
             model: The model; it is copied.
             count: Number n.
-            threads: That share the work.
+            threads: Number of threads that share the work.
 
-        Raises:
-            RuntimeError: What MuJoCo says.
+            Raises:
+                RuntimeError: MuJoCo's error.
         """
         self._c, self.count, self._model = _library(), count, model
         self._process = os.getpid()
@@ -112,17 +112,17 @@ class Pool:
         self._everyone = np.arange(count, dtype=np.int32)
 
     def bind(self, name: str) -> ndarray:
-        """Array (n, k) of a part of the state, a key of `_STATE`, to be written to."""
+        """Writable array (n, k) of a part of the state, a key of `_STATE`."""
         size, row = ctypes.c_int(), self._c.mjb_nstate(self._batch)
         start = self._c.mjb_stateComponent(self._batch, int(_STATE[name]), ctypes.byref(size))
         flat = _view(start, ((self.count - 1) * row + size.value,), float)
         return np.lib.stride_tricks.as_strided(flat, (self.count, size.value), (8 * row, 8))
 
     def expand(self, name: str) -> ndarray:
-        """Array (n, ...) of a field of the model, from now on of every simulation's own.
+        """Array (n, ...) of a field of the model, separate for every simulation from now on.
 
         Raises:
-            ValueError: There is none.
+            ValueError: There is no such field.
         """
         size, bytes_ = ctypes.c_int(), ctypes.c_int()
         like = field_of(self._model, name)
@@ -137,7 +137,7 @@ class Pool:
         return _view(start, (self.count, *like.shape), kind)
 
     def set_const(self, which: ndarray) -> None:
-        """Derive constants of the models `which` (k,) anew."""
+        """Recompute the derived constants of models `which` (k,)."""
         self._call(self._c.mjb_setConst, which)
 
     def reset(self, which: ndarray) -> None:
@@ -155,7 +155,7 @@ class Pool:
         )
 
     def check_process(self) -> None:
-        """Raise RuntimeError in a forked child, which would wait for ever for its lost threads."""
+        """Raise RuntimeError in a forked child, which would wait forever for its lost threads."""
         if os.getpid() != self._process:
             raise RuntimeError(
                 f"these simulations belong to process {self._process}, and its threads are not in "
@@ -171,13 +171,13 @@ class Pool:
 
 
 def _delete(library: ctypes.CDLL, batch: int, process: int) -> None:
-    # The threads that this waits for are not there in a forked child.
+    # The threads that this waits for do not exist in a forked child.
     if os.getpid() == process:
         library.mjb_deleteBatch(batch)
 
 
 def _view(start: int, shape: tuple[int, ...], kind: Any) -> ndarray:
-    """Array over memory that somebody else holds."""
+    """Array over memory owned by another object."""
     kind = np.dtype(kind)
     size = int(np.prod(shape)) * kind.itemsize
     raw = np.ctypeslib.as_array(ctypes.cast(start, ctypes.POINTER(ctypes.c_uint8)), (size,))
@@ -185,9 +185,9 @@ def _view(start: int, shape: tuple[int, ...], kind: Any) -> ndarray:
 
 
 def threads_for(scene: CompiledModel, count: int) -> int:
-    """Threads for so many simulations of a scene: each has work worth `WORTH`, by a measured step.
+    """Threads for so many simulations of a scene, each with work of `WORTH`, by a measured step.
 
-    At most one a core that this process may run on, and one a simulation.
+    At most one per core available to this process, and one per simulation.
     """
     most = min(usable_cores(), count)
     if most == 1:
@@ -196,7 +196,7 @@ def threads_for(scene: CompiledModel, count: int) -> int:
 
 
 def step_cost(scene: CompiledModel) -> float:
-    """Time [s] of a control period of one simulation near rest, the least of some."""
+    """Time [s] of a control period of one simulation near rest, the shortest of several."""
     simulation = Simulation(scene)
     simulation.reset(scene.model.qpos0, np.zeros(scene.model.nu))
     times = []
@@ -208,14 +208,14 @@ def step_cost(scene: CompiledModel) -> float:
 
 
 class Batch:
-    """As `Simulation`, n times: after every call the read-outs of all are current.
+    """n times `Simulation`: after every call the outputs of all are current.
 
     Attributes:
         scene: The scene, of one robot or of several.
         arrays: The kind of all arrays.
         threads: Of the pool.
         qpos, qvel: (n, nq) [rad, rad/s], hinge angles and rates.
-        ctrl: (n, nu), controls in force, to be written to.
+        ctrl: (n, nu), current controls, writable.
         sensordata, ten_length, actuator_force: (n, ...), as in MjData, read-only.
     """
 
@@ -227,7 +227,7 @@ class Batch:
         Args:
             scene: The scene.
             count: Number n of simulations.
-            threads: Of the pool, 0 for as many as have enough to do.
+            threads: Of the pool, 0 for as many as have enough work.
         """
         self.scene, self.threads = scene, threads or threads_for(scene, count)
         self._batch = Pool(scene.model, count, self.threads)
@@ -254,7 +254,7 @@ class Batch:
         self._periods = 0
 
     def _warn(self) -> None:
-        """Tell once that a robot does not keep the accuracy."""
+        """Warn once that a robot does not meet the accuracy."""
         found = np.where(~self._warnings[:, :, 1].any(axis=1), self._estimates, 0.0).max()
         if found > self._worrying:
             self._warned = True
@@ -263,7 +263,7 @@ class Batch:
 
     @property
     def tension_lost(self) -> ndarray:
-        """(n, nu) [N], as of `Simulation`."""
+        """(n, nu) [N], see `Simulation`."""
         return self._integration.lost
 
     @property
@@ -275,7 +275,7 @@ class Batch:
 
     @property
     def evaluations(self) -> ndarray:
-        """Evaluations (n,) of all forces since the resets, those for the estimated error too."""
+        """Evaluations (n,) of all forces since the resets, also those for the estimated error."""
         return self._integration.evaluations
 
     @property
@@ -284,7 +284,7 @@ class Batch:
         return self._batch.count
 
     def reset(self, which: ndarray, qpos: ndarray, ctrl: ndarray) -> None:
-        """Set postures at rest, with controls in force.
+        """Set postures at rest, under given controls.
 
         Args:
             which: (k,) int, increasing, the simulations to reset.
@@ -315,10 +315,10 @@ class Batch:
 
 
 class BatchSimulation(Batch):
-    """A batch of one robot's simulations, each of which may be of a variation of it.
+    """A batch of simulations of one robot and its variations.
 
     Attributes:
-        full_length: (n, n_tendons) [m], inside the straight robots, less those of `ten_length`.
+        full_length: (n, n_tendons) [m], inside the straight robots, minus those of `ten_length`.
     """
 
     def __init__(self, scene: Scene, count: int, threads: int = 0) -> None:
@@ -328,12 +328,12 @@ class BatchSimulation(Batch):
         self._full = full_length(scene.config.robot, scene.model)
         self.full_length = np.tile(self._full, (count, 1))
         self._fields: VariedFields | None = None
-        self._rebuilt: set[str] = set()  # fields that were taken from scenes built for variations
+        self._rebuilt: set[str] = set()  # fields taken from scenes built for variations
 
     def vary(self, which: ndarray, values: dict[str, ndarray]) -> None:
-        """Let simulations be of varied robots, in posture and motion as they are.
+        """Replace robots by variations, keeping posture and motion.
 
-        Each is integrated as a single simulation of the same variation.
+        Each is integrated like a single simulation of the same variation.
 
         Args:
             which: (k,) int, increasing, the simulations.
@@ -365,7 +365,7 @@ class BatchSimulation(Batch):
         self._batch.set_const(which)
 
     def _rebuild(self, robot: int, values: dict[str, float]) -> Pace:
-        """Take all that differs in a scene built for one robot; the pace of its integration."""
+        """Take over the differences of a scene built for one robot; its integration pace."""
         built = vary_scene(self.scene, values)
         for field in changed_fields(self.scene.model, built.model):
             try:
@@ -380,10 +380,10 @@ class BatchSimulation(Batch):
         return built.timestep.pace
 
     def drive_by(self, servos: Servos) -> None:
-        """Let servos of n robots turn in every period from now on; horns are the controls.
+        """Drive n robots by servos from now on; the positions of the horns are the controls.
 
         Raises:
-            ValueError: They are of another number of robots or drives, or these drive tensions.
+            ValueError: The number of robots or drives differs, or the drives are by tension.
         """
         servos.check_drives(self.scene.config.actuation, self.ctrl.shape)
         self._integration.drive_by(servos.block)
@@ -395,18 +395,18 @@ def nominal(values: dict[str, ndarray]) -> bool:
 
 
 class VariedFields:
-    """Fields of the models of robots that vary at once, by the table of variations."""
+    """Model fields of varied robots, computed for all at once from the table of variations."""
 
     def __init__(self, scene: Scene) -> None:
-        """Of variations of a scene's robot."""
+        """Set up for variations of a scene's robot."""
         self._scene, self._probes = scene, {}
         first = scene.model.body("link0").id
         links = slice(first, first + len(scene.layout.stations))
-        # Links follow the factors, heads and discs do not.
+        # Factors apply to links, not to heads and discs.
         self._own = {"body_mass": links, "body_inertia": links}
 
     def unknown(self, values: dict[str, ndarray]) -> ndarray:
-        """(k,) bool, which robots differ in what needs a scene of their own."""
+        """(k,) bool, which robots need a separate scene."""
         odd = np.zeros(len(next(iter(values.values()))), bool)
         for name, value in values.items():
             if not VARIATIONS[name].is_of_fields(self._scene.config.robot):
@@ -429,7 +429,7 @@ class VariedFields:
             yield field, rows
 
     def _shifted(self, name: str, value: ndarray) -> Iterator[tuple[str, ndarray]]:
-        """Fields that one variation shifts or switches: two scenes tell the lines."""
+        """Fields that one variation shifts or switches, interpolated between two scenes."""
         one = VARIATIONS[name]
         if not (one.shifts or one.switches) or not one.is_of_fields(self._scene.config.robot):
             return
@@ -465,11 +465,11 @@ def field_of(model: mujoco.MjModel, name: str) -> ndarray:
 
 
 def check_timesteps(scene: Scene, which: ndarray, values: dict[str, ndarray]) -> None:
-    """Refuse robots that do not share MuJoCo's timestep; our own integrator needs none.
+    """Refuse robots that cannot share MuJoCo's timestep; our own integrator needs none.
 
     Args:
         scene: Of the robots.
-        which: (k,) int, their numbers.
+        which: (k,) int, their indices.
         values: (k,) of every variation of robots.
     """
     shared = scene.timestep

@@ -1,4 +1,4 @@
-"""Many simulations of a gripper, each with a bar and fingers of its own, and what is seen of them.
+"""Many simulations of a gripper, each with its own bar and fingers, and their observations.
 
 Observables are those of the fingers in turn, and contacts.
 """
@@ -47,7 +47,7 @@ BAR = "bar"
 #: Its axis lies along y.
 _ACROSS = (-pi / 2, 0.0, 0.0)
 
-#: [m], how far above its seat a free bar starts.
+#: [m], initial height of a free bar above its seat.
 _GAP = 1e-4
 
 
@@ -67,10 +67,10 @@ def bar(gripper: Gripper, task: GripTask, diameter: float, **look: tuple[float, 
 class GripperBatch(Batch):
     """Simulations of a gripper.
 
-    The pairs' stiffness is that of the bar of mean mass.
+    The stiffness of contact pairs is that for the bar of mean mass.
 
     Attributes:
-        gripper, task: What they are of.
+        gripper, task: The gripper and its task.
         bends: (nq, pieces) [1/m], from hinge angles to mean curvatures of all fingers' pieces.
     """
 
@@ -84,10 +84,10 @@ class GripperBatch(Batch):
         """Build the simulations.
 
         Args:
-            gripper, task: What they are of.
-            config: Number, threads, what is observed, and pieces and timestep unless the fineness
-                says them.
-            fineness: How fine they are.
+            gripper, task: The gripper and its task.
+            config: Number, threads, observables, and pieces and timestep if not those of the
+                fineness.
+            fineness: Resolution of the model.
         """
         self.gripper, self.task = gripper, task
         nominal = bar(gripper, task, float(np.mean(task.diameter)))
@@ -160,22 +160,22 @@ class GripperBatch(Batch):
         return self.sensordata[:, self._pressed[finger]]
 
     def links(self, finger: int) -> ndarray:
-        """(links, 2) [m], between which arc lengths each link of a finger lies."""
+        """(links, 2) [m], arc lengths at the ends of each link of a finger."""
         return np.array(list(self._links[finger].values()))
 
     @property
     def place(self) -> ndarray:
-        """(n, 3) [m], of the bar."""
+        """Position (n, 3) [m] of the bar."""
         if self.task.free:
             return self.qpos[:, -7:-4].copy()
         return self._place[:, self._body].copy()
 
     def start(self, which: ndarray, sampled: dict[str, ndarray]) -> None:
-        """Start simulations `which` (k,), fingers straight, with what is sampled.
+        """Start simulations `which` (k,), with straight fingers and sampled values.
 
         Args:
             which: (k,) int, increasing.
-            sampled: By names out of `tasks.gripper.SAMPLED`, (k,) or of fingers (k, fingers).
+            sampled: By names from `tasks.gripper.SAMPLED`, (k,) or per finger (k, fingers).
         """
         radius = sampled["diameter"] / 2
         self._shape(which, radius, sampled["mass"])
@@ -216,10 +216,10 @@ class GripperBatch(Batch):
             tendon += count
 
     def push(self, forces: ndarray, accelerations: ndarray) -> None:
-        """Pull at the bars by forces (n, 3) [N], and accelerate the palms by (n, 3) [m/s2].
+        """Pull the bars with forces (n, 3) [N], and accelerate the palms by (n, 3) [m/s2].
 
-        In the axes of a palm that accelerates, everything feels the opposite: from the second
-        timestep of the next period on, as the first takes the gravity with which it was prepared.
+        In the frame of an accelerated palm, everything feels the opposite acceleration, from the
+        second timestep of the next period on: the first still uses the previous gravity.
         """
         self._forces[:, 6 * self._body : 6 * self._body + 3] = forces
         self.gravity[:] = np.array(self.gripper.gravity) - accelerations
@@ -237,18 +237,18 @@ def _inertia(mass: ndarray, radius: ndarray, length: float) -> ndarray:
 
 # ---------------------------------------------------------------- observations
 
-#: Observables of `table.OBSERVABLES` that fingers have, and those of the gripper alone.
+#: Observables of `table.OBSERVABLES` for fingers, and those only grippers have.
 SENSORS = "sensors"
 CONTACT, ACTION = "contact", "previous_action"
 KNOWN = ("curvature", "curvature_rate", "tendon_tension", SENSORS, CONTACT, ACTION)
 
-#: [N], bound of the force of a finger on the bar, and its usual size.
+#: [N], bound of the force of a finger on the bar, and its typical size.
 _MOST, _USUAL = 1e3, 2.0
 
 
 @dataclass(frozen=True)
 class _Finger:
-    """Measurements (n, size) of one finger of n grippers, as `table.Measured` has them."""
+    """Measurements (n, size) of one finger of n grippers, like `table.Measured`."""
 
     batch: GripperBatch
     part: assembly.Part
@@ -270,7 +270,7 @@ class GripperView:
 
     Attributes:
         space: Of one gripper's observation, a dict of float64 or one float32 vector.
-        layout: Slices of the vector by name; None of a dict.
+        layout: Slices of the vector by name; None for a dict.
     """
 
     def __init__(
@@ -280,17 +280,17 @@ class GripperView:
         action: Callable[[], ndarray],
         sensors: "FingerSensors | None" = None,
     ) -> None:
-        """A view.
+        """Build a view.
 
         Args:
-            batch: What is observed.
-            config: Names out of `KNOWN`, or "all": all but `sensors`, which cost time; and whether
+            batch: The observed grippers.
+            config: Names from `KNOWN`, or "all": all except `sensors`, which cost time; and whether
                 an observation is one vector.
-            action: Function that returns the actions in force, (n, inputs).
+            action: Function that returns the current actions, (n, inputs).
             sensors: Of the fingers, if they are observed.
 
         Raises:
-            ValueError: No name, an unknown or a repeated one.
+            ValueError: No name, an unknown name or a repeated one.
         """
         self._reads, boxes, entries = {}, {}, []
         for name in seen_by(config):
@@ -308,14 +308,14 @@ class GripperView:
 
 
 def seen_by(config: EnvConfig) -> tuple[str, ...]:
-    """Names of the observables that an environment is asked for; ValueError for bad ones."""
+    """Names of the requested observables; ValueError for bad ones."""
     return chosen(config.observe, KNOWN, [name for name in KNOWN if name != SENSORS])
 
 
 def _observable(
     name: str, batch: GripperBatch, action: Callable[[], ndarray], sensors: "FingerSensors | None"
 ) -> tuple[Callable[[], ndarray], spaces.Box, ndarray]:
-    """How an observable is read, its box and its usual sizes."""
+    """Function that reads an observable, its box and its typical sizes."""
     parts = batch.scene.parts.values()
     if name == CONTACT:
         most = np.full(len(parts), _MOST)
@@ -331,7 +331,7 @@ def _observable(
         first += robot.pieces
         read = None if sensors is None else partial(sensors.reading, k)
         finger = _Finger(batch, part, bends, read)
-        reads.append(observable.read(Sources(finger, None, action)))  # it follows no reference
+        reads.append(observable.read(Sources(finger, None, action)))  # grippers have no reference
         sizes = Sizes(robot, part.scene.layout, robot.pieces, speed_limit(robot), 1, PLANE)
         box = observable.space(sizes)
         low.append(box.low)
@@ -345,17 +345,17 @@ def _observable(
     )
 
 
-#: Noise and specimens of a gripper's fingers have seeds this far apart.
+#: Distance between the seeds of noise and specimens of a gripper's fingers.
 _APART = 1_000_003
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """Like fingers, whose sensors are read together.
+    """Identical fingers, whose sensors are read together.
 
     Attributes:
-        array: Of all of them, those of a gripper one after the other.
-        fingers: Their numbers.
+        array: Sensors of all of them, gripper by gripper.
+        fingers: Their indices.
     """
 
     array: "SensorArray"
@@ -363,13 +363,13 @@ class _Kind:
 
 
 class FingerSensors:
-    """What the sensors of all fingers read, with the force of the bar on each."""
+    """Readings of the sensors of all fingers, including the effect of the bar's force on each."""
 
     def __init__(self, batch: GripperBatch, control_period: float) -> None:
-        """Sensors that are to be started.
+        """Sensors that have not been started.
 
         Raises:
-            ValueError: A finger carries none.
+            ValueError: A finger carries no sensors.
         """
         from softrobot_env.sensing.array import SensorArray
 
@@ -382,7 +382,7 @@ class FingerSensors:
             if part.scene.model.nq != part.scene.model.nv:
                 raise ValueError(f"finger {part.member.name!r} twists: its sensors are not read")
             alike.setdefault((robot.sensors, tuple(weights.tolist())), []).append(k)
-        # Of hinges, strains are linear in the angles.
+        # Strains of hinges are linear in the angles.
         self._strains = [
             station_strain(part.scene.model, part.scene.layout, np.eye(part.scene.model.nq))
             for part in self._parts
@@ -406,9 +406,9 @@ class FingerSensors:
         """Start grippers `which` (k,).
 
         Args:
-            which: Their numbers.
+            which: Their indices.
             scale: (k,) of the usual imperfections.
-            specimen: (k,) int, what the differences of their sensors are sampled from.
+            specimen: (k,) int, seeds of the differences of their sensors.
             seeds: (k,) int, of noise.
         """
         for kind in self._kinds:
@@ -423,13 +423,13 @@ class FingerSensors:
             kind.array.start(rows, built, noise, shape[rows])
 
     def look(self, which: ndarray | None = None) -> None:
-        """Come to the next control instant, all grippers or `which` (k,)."""
+        """Advance to the next control instant, all grippers or `which` (k,)."""
         for kind in self._kinds:
             shape, touch = self._shape(kind)
             kind.array.look(shape, None if which is None else _rows(which, kind), touch)
 
     def _shape(self, kind: _Kind) -> tuple[ndarray, ndarray]:
-        """Of its fingers shapes (n, cells, 3) [1/m] and contact (n, sensors) [N] on each sensor."""
+        """Shapes (n, cells, 3) [1/m] of its fingers, and contact forces (n, sensors) [N]."""
         shapes, touches = [], []
         for k in kind.fingers:
             posture = self._parts[k].posture(self._batch.qpos)

@@ -1,4 +1,4 @@
-"""Plants of environments: the MuJoCo chain, and beam models in its place."""
+"""Plants of environments: the MuJoCo chain, and beam models instead of it."""
 
 from dataclasses import replace
 from functools import cached_property
@@ -25,17 +25,17 @@ from ..observations.table import Sizes, observation_space, speed_limit
 from ..reference import PLANE, own_axes
 from .batch import BatchSimulation
 
-#: Longest time [s] between the instants that a path of controls is given at.
+#: Longest time [s] between the instants at which a path of controls is given.
 _PATH_STEP = 2e-3
 
 
 class _Plant:
-    """What all plants know.
+    """Attributes of all plants.
 
     Attributes:
         robot: The nominal robot.
         speed: [m/s], limit of the tip's speed.
-        axes: Coordinates out of x, y and z that are measured, a slice of (3,).
+        axes: Measured coordinates among x, y and z, a slice of (3,).
         config: The scene to render.
     """
 
@@ -54,12 +54,12 @@ class _Plant:
 
     @property
     def directions(self) -> int:
-        """Numbers of curvatures of a piece: 1 in a plane, 2 in space, 3 of one that twists."""
+        """Numbers of curvatures of a piece: 1 in a plane, 2 in space, 3 with torsion."""
         return 1 if self.config.bending == "planar" else 2 + self.config.torsion
 
     @property
     def sizes(self) -> Sizes:
-        """What sizes and bounds of what is measured depend on."""
+        """The `Sizes` of its measurements."""
         how = self.speed, self.directions, self.axes
         return Sizes(self.robot, self.layout, self.pieces, *how, strain=self.strain)
 
@@ -69,8 +69,8 @@ class MujocoPlant(_Plant):
 
     Attributes:
         nominal: The scene of the nominal robot.
-        pieces: Number of pieces whose curvature is measured: the robot's own, or those that were
-            asked for of a planar chain.
+        pieces: Number of pieces whose curvature is measured: the robot's own, or those requested
+            for a planar chain.
         strain: Zero: the chain is inextensible.
     """
 
@@ -89,10 +89,10 @@ class MujocoPlant(_Plant):
         Args:
             robot: The nominal robot.
             control_period: [s].
-            speed: [m/s], limit of the tip's speed; the robot's unless given.
-            axes: Coordinates out of x, y and z that are measured; unless given x and z of a planar
-                robot, all three of another.
-            **scene_options: As of `SceneConfig`, in place of what `scene_of` chooses.
+            speed: [m/s], limit of the tip's speed; by default the robot's.
+            axes: Measured coordinates among x, y and z; by default x and z for a planar robot, all
+                three for others.
+            **scene_options: Of `SceneConfig`, instead of those chosen by `scene_of`.
 
         Raises:
             ValueError: A part that does not fit the robot; the message says which and why.
@@ -108,7 +108,7 @@ class MujocoPlant(_Plant):
 
     @property
     def layout(self) -> HingeLayout:
-        """Where the hinges stand."""
+        """Positions of the hinges."""
         return self.nominal.layout
 
     @property
@@ -124,12 +124,12 @@ class MujocoPlant(_Plant):
     def readout(
         self, simulation: Simulation | BatchSimulation, servos: Servos | None = None
     ) -> ChainReadout | BatchReadout:
-        """What is measured of a simulation or of many, and of the servos that drive it."""
+        """Measurements of one or many simulations, and of the servos that drive them."""
         kind = ChainReadout if isinstance(simulation, Simulation) else BatchReadout
         return kind(simulation, self.robot, self.pieces, self.speed, self.axes, servos)
 
     def equilibrium(self, command: ndarray) -> ndarray:
-        """Posture (nq,) at rest under what the drives apply, (n_tendons,) [N] or [m]."""
+        """Posture (nq,) at rest under the drives' output, (n_tendons,) [N] or [m]."""
         return self.nominal.equilibrium(command, by_servos=not self.robot.drive.is_ideal)
 
     def bent(self, curvature: ndarray) -> ndarray:
@@ -165,8 +165,8 @@ def _check_pieces(robot: RobotParams, layout: HingeLayout, pieces: int) -> None:
 class BeamPlant(_Plant):
     """Builds simulations of a robot and of its variations with a beam model.
 
-    Observables are those of the MuJoCo chain, with the curvature of the robot's own pieces. In
-    pictures hinges turn by that.
+    Observables are those of the MuJoCo chain, with the curvature of the robot's own pieces. It also
+    sets the hinges in pictures.
 
     Attributes:
         layout: Hinges of the scene to render.
@@ -191,12 +191,13 @@ class BeamPlant(_Plant):
             robot: The nominal robot.
             control_period: [s].
             factory: Builds the model of a robot.
-            speed: [m/s], limit of the tip's speed; that of the robot unless given.
-            axes: Coordinates out of x, y and z of the tip that are measured, as of `MujocoPlant`.
-            **scene_options: As of `SceneConfig`, in place of what `scene_of` chooses.
+            speed: [m/s], limit of the tip's speed; by default that of the robot.
+                axes: Measured coordinates of the tip, see `MujocoPlant`.
+                **scene_options: Of `SceneConfig`, instead of those chosen by `scene_of`.
 
-        Raises:
-            ValueError: The robot has dry friction, or what the model lacks.
+            Raises:
+                ValueError: The robot has dry friction, or something that the model does not
+                    support.
         """
         super().__init__(robot, control_period, speed, axes, scene_options)
         self.config = replace(self.config, pieces=self.config.n_pieces)
@@ -240,7 +241,7 @@ class BeamPlant(_Plant):
         return self._nominal.equilibrium(control)
 
     def bent(self, curvature: ndarray) -> ndarray:
-        """Coordinates (n,) for a curvature [1/m] as it is measured.
+        """Coordinates (n,) for measured curvatures [1/m].
 
         Raises:
             ValueError: The model cannot take this shape.
@@ -257,7 +258,7 @@ class BeamPlant(_Plant):
         return BeamSimulation(plant, self)
 
     def readout(self, simulation: "BeamSimulation", servos: Servos | None = None) -> BeamReadout:
-        """What is measured of a simulation, and of the servos that drive it."""
+        """Measurements of a simulation, and of the servos that drive it."""
         space = observation_space(Measurement._fields, Measurement._fields, self.sizes)
         most = {name: box.high for name, box in space.items()}
         least = {name: box.low for name, box in space.items()}
@@ -268,7 +269,7 @@ class BeamPlant(_Plant):
 
     @cached_property
     def _shown(self) -> mujoco.MjModel:
-        """The chain that is rendered in place of the model."""
+        """The chain rendered instead of the model."""
         return build_scene(self.config).model
 
     def posture(self, strains: ndarray) -> ndarray:
@@ -283,7 +284,7 @@ class BeamSimulation:
     Attributes:
         plant: The model.
         q, v: Coordinates and velocities (n,); not a number after a failure.
-        ctrl: (n_tendons,) [N or m], controls in force.
+        ctrl: (n_tendons,) [N or m], current controls.
         scene, model, data, estimates: None; the MuJoCo chain has them.
     """
 
@@ -300,7 +301,7 @@ class BeamSimulation:
         self.reset(plant.rest(), self.ctrl)
 
     def reset(self, posture: ndarray, ctrl: ndarray) -> None:
-        """Set coordinates (n,) at rest, with controls (n_tendons,) [N or m] in force."""
+        """Set coordinates (n,) at rest, under controls (n_tendons,) [N or m]."""
         self.q, self.v = posture.copy(), np.zeros_like(posture)
         self.ctrl[:] = ctrl
         self._periods, self._failure = 0, None
@@ -309,7 +310,7 @@ class BeamSimulation:
         """Integrate over one control period with the controls in `ctrl`, or by the servos.
 
         Returns:
-            Whether all went well; if not, `failure` says what happened.
+            Whether it succeeded; if not, `failure` says what happened.
         """
         control = self.ctrl if self._servos is None else self._wound(self._servos)
         self._periods += 1
@@ -323,12 +324,12 @@ class BeamSimulation:
         return False
 
     def drive_by(self, servos: Servos) -> None:
-        """Let servos turn in every period from now on; their horns are the controls."""
+        """Drive the robot by servos from now on; the positions of their horns are the controls."""
         servos.check_drives("length", self.ctrl.shape)
         self._servos = servos
 
     def _wound(self, servos: Servos) -> ndarray:
-        """Horns (1 + k, n_tendons) [m] of servos in this period, which they turn in."""
+        """Turn the servos for this period; returns their horns (1 + k, n_tendons) [m]."""
         from softrobot_env.scene.integration.period import turn  # compiled code takes time to load
 
         path = np.empty((1 + int(self._clock[SUBSTEPS]), len(self.ctrl)))

@@ -27,9 +27,9 @@ class VirtualRig:
 
     Attributes:
         tick: [s] of an `advance`.
-        picture: Age [s] and tip (d,) [m] of the picture that the last `advance` made available, or
-            None.
-        stuck: Numbers of tendons whose servos do not move any more; to be changed by tests.
+        picture: Age [s] and tip (d,) [m] of the picture that became available in the last
+            `advance`, or None.
+        stuck: Indices of tendons whose servos are blocked; for tests.
     """
 
     def __init__(
@@ -43,11 +43,11 @@ class VirtualRig:
         """A robot at rest, straight and pretensioned.
 
         Args:
-            twin: What is simulated, its servos and its camera included.
+            twin: The simulated twin, with its servos and camera.
             tick: [s].
             seed: Of the noise of camera and sensors.
-            axes: Coordinates out of x, y and z that the camera sees.
-            pieces: Of the chain; as many as it needs if None.
+            axes: Coordinates measured by the camera, among x, y and z.
+            pieces: Of the chain; None chooses as many as it needs.
         """
         self.twin, self.tick = twin, tick
         self.picture: tuple[float, ndarray] | None = None
@@ -65,13 +65,13 @@ class VirtualRig:
         self._camera = Camera(twin.camera_noise, late, tick, len(range(3)[axes]), seed)
 
     def advance(self, command: ndarray | None) -> str | None:
-        """Go on for a tick.
+        """Advance by a tick.
 
         Args:
-            command: (n,) [m], where the servos shall go; None without power: then they stay.
+            command: (n,) [m], targets of the servos; None without power: then they stay.
 
         Returns:
-            What went wrong, or None.
+            The failure, or None.
         """
         stay = self._servos.reading
         wanted = stay if command is None else np.array(command, float)
@@ -86,12 +86,12 @@ class VirtualRig:
 
     @property
     def tip(self) -> ndarray:
-        """Where the tip is, (d,) [m]."""
+        """Position of the tip, (d,) [m]."""
         return np.array(self._readout.tip)
 
     @property
     def length(self) -> ndarray:
-        """Positions (n,) [m] of the servos, as their potentiometers read."""
+        """Positions (n,) [m] of the servos, as read by their potentiometers."""
         return self._servos.reading
 
     @property

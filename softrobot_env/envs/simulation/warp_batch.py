@@ -24,24 +24,24 @@ from softrobot_env.scene.timestep import EXTRAPOLATION
 
 from .batch import VARIED, VariedFields, check_timesteps, nominal
 
-#: Rows of the extrapolation: 4 evaluations of all forces, and order 3.
+#: Rows of the extrapolation: 4 evaluations of all forces for order 3.
 ROWS = 3
 
-#: Fields of the model that each robot has of its own once robots vary: all share the moment arms of
-#: channels, for which the gear of a drive takes the factor.
+#: Model fields that are separate for each robot once robots vary. The moment arms of channels are
+#: shared: their factor goes to the gear of the drive.
 _VARIED = (*(x for x in VARIED if x != "wrap_prm"), "body_subtreemass", "actuator_gear")
 
-#: As those of `scene.integration.euler`.
+#: See `scene.integration.euler`.
 _SWEEPS, _STILL = warp.constant(200), warp.constant(warp.float64(1e-12))
 
 
 class _Acting(NamedTuple):
-    """What acts on n chains in one posture.
+    """Matrices and forces of n chains in one posture.
 
     Attributes:
         mass, stiffness: (n, nv, nv), of joints and of taut drives.
-        force: (n, nv), all generalised forces but friction of tendons.
-        arms: (n, ntendon, nv), moment arms of tendons, where they are needed.
+        force: (n, nv), all generalised forces except friction of tendons.
+        arms: (n, ntendon, nv), moment arms of tendons, if needed.
     """
 
     mass: torch.Tensor
@@ -51,20 +51,20 @@ class _Acting(NamedTuple):
 
 
 class WarpBatch:
-    """As `BatchSimulation`, on a device; arrays are float64 tensors there by default.
+    """`BatchSimulation` on a device, with arrays that are float64 tensors there by default.
 
-    The integrator is that of `scene.integration` with steps of one length and `ROWS` rows, without
-    a look at its error, or "implicitfast" or "discrete" of MuJoCo, without friction of tendons.
+    The integrator is that of `scene.integration` with constant steps and `ROWS` rows, without error
+    control, or "implicitfast" or "discrete" of MuJoCo, without friction of tendons.
 
     Attributes:
         scene: The scene.
         arrays: The kind of all arrays.
         count: Number n of simulations.
         qpos, qvel: (n, nq) [rad, rad/s], hinge angles and rates.
-        ctrl: (n, nu), controls in force, to be written to.
+        ctrl: (n, nu), current controls, writable.
         sensordata, actuator_force: (n, ...) float32, as in MjData, read-only.
         ten_length: (n, ntendon) [m], as in MjData, read-only.
-        full_length: (n, n_tendons) [m], inside the straight robots, less those of `ten_length`.
+        full_length: (n, n_tendons) [m], inside the straight robots, minus those of `ten_length`.
     """
 
     integration_error = None
@@ -73,13 +73,13 @@ class WarpBatch:
         """Build the simulations.
 
         Args:
-            scene: The scene; `envs.simulation.warp_limits` has looked at it.
+            scene: The scene, checked by `envs.simulation.warp_limits`.
             count: Number n of simulations.
             device: Of Warp and PyTorch, such as "cuda:0" or "cpu".
         """
         self.scene, self.count, self.arrays = scene, count, TorchArrays(device)
         self._host = model = _without_reset(scene.model)
-        if warp.config.log_level == warp.LOG_INFO:  # which tells of every kernel
+        if warp.config.log_level == warp.LOG_INFO:  # which reports every kernel
             # Without a card Warp warns that there is none.
             warp.config.log_level = warp.LOG_ERROR if device == "cpu" else warp.LOG_WARNING
         warp.init()
@@ -115,25 +115,25 @@ class WarpBatch:
         self._finish()
 
     def _on_device(self) -> warp.ScopedDevice:
-        """Where Warp's work goes: the stream that PyTorch uses, so that one waits for the other."""
+        """Context that runs Warp on PyTorch's stream, so that they wait for each other."""
         if self._device.is_cuda:
             stream = torch.cuda.current_stream(self.arrays.device)
             return warp.ScopedStream(warp.stream_from_torch(stream))
         return warp.ScopedDevice(self._device)
 
     def _take_model(self, sizes: dict[str, int]) -> None:
-        """Put the model on the device; fields by name of as many robots of their own."""
+        """Put the model on the device, with separate fields for given numbers of robots."""
         with self._on_device():
             self._model = mujoco_warp.put_model(self._host, batch_sizes=sizes)
         self._fields = {name: warp.to_torch(getattr(self._model, name)) for name in _VARIED}
 
     def check_process(self) -> None:
-        """Nothing: a device refuses a forked child by itself."""
+        """Do nothing: a device itself refuses a forked child."""
 
     # ------------------------------------------------------------------ variations
 
     def vary(self, which: ndarray, values: dict[str, ndarray]) -> None:
-        """Let simulations be of varied robots, in posture and motion as they are.
+        """Replace robots by variations, keeping posture and motion.
 
         Args:
             which: (k,) int, increasing, the simulations.
@@ -163,7 +163,7 @@ class WarpBatch:
         own[robots] = torch.as_tensor(rows, dtype=own.dtype, device=own.device)
 
     def _carried(self, mass: ndarray) -> ndarray:
-        """Masses (k, nbody) [kg] of bodies (k, nbody) with all that hangs on them."""
+        """Masses (k, nbody) [kg] of the subtrees of bodies (k, nbody)."""
         total = mass.copy()
         for body in range(self._host.nbody - 1, 0, -1):
             total[:, self._host.body_parentid[body]] += total[:, body]
@@ -181,17 +181,17 @@ class WarpBatch:
     # ------------------------------------------------------------------ steps
 
     def drive_by(self, servos: Servos) -> None:
-        """Let servos of n robots turn in every period from now on; horns are the controls.
+        """Drive n robots by servos from now on; the positions of the horns are the controls.
 
         Raises:
-            ValueError: They are of another number of robots or drives, or these drive tensions.
+            ValueError: The number of robots or drives differs, or the drives are by tension.
         """
         servos.check_drives(self.scene.config.actuation, tuple(self.ctrl.shape))
         servos.live_as(self.arrays)
         self._servos = servos
 
     def reset(self, which: ndarray, qpos: ndarray, ctrl: ndarray) -> None:
-        """Set postures at rest, with controls in force.
+        """Set postures at rest, under given controls.
 
         Args:
             which: (k,) int, increasing, the simulations to reset.
@@ -206,10 +206,10 @@ class WarpBatch:
         """Integrate over one control period with the controls in `ctrl`, or by the servos.
 
         Args:
-            which: Those whose motion matters; all are advanced.
+            which: The simulations of interest; all are advanced.
 
-        Returns:
-            (n,) bool, whether each has diverged: is not finite, or beyond MuJoCo's limit.
+            Returns:
+                (n,) bool, whether each has diverged: not finite, or beyond MuJoCo's limit.
         """
         choice = self.scene.timestep
         for number in range(choice.substeps):
@@ -228,7 +228,7 @@ class WarpBatch:
         return self.arrays.host(~bounded)
 
     def _finish(self) -> None:
-        """Compute all read-outs of the state; the next period starts from them."""
+        """Compute all outputs of the state, from which the next period starts."""
         model, data = self._model, self._data
         self._put(self.qpos, self.qvel, self.ctrl)
         with self._on_device():
@@ -245,18 +245,18 @@ class WarpBatch:
             self._seen[name].copy_(values)
 
     def _evaluate(self) -> None:
-        """Mass and all forces but the drives' of the state on the device."""
+        """Mass matrix and all forces except the drives', for the state on the device."""
         with self._on_device():
             mujoco_warp.fwd_position(self._model, self._data, factorize=False)
             mujoco_warp.fwd_velocity(self._model, self._data)
 
     def _step_by_mujoco(self, h: float, begin: torch.Tensor, end: torch.Tensor) -> None:
-        """Advance by a timestep of MuJoCo, whose controls are those at its start."""
+        """Advance by a MuJoCo timestep, with the controls at its start."""
         model, data = self._model, self._data
         with self._on_device():
             mujoco_warp.fwd_actuation(model, data)
             mujoco_warp.fwd_acceleration(model, data, factorize=True)
-            # What Warp's solver would find without constraints.
+            # The result of Warp's solver without constraints.
             warp.copy(data.qacc, data.qacc_smooth)
             if self.scene.timestep.integrator == "discrete":
                 mujoco_warp.discrete(model, data)
@@ -269,7 +269,7 @@ class WarpBatch:
     def _extrapolate(self, h: float, begin: torch.Tensor, end: torch.Tensor) -> None:
         """Advance by `h` [s]; see `scene.integration.extrapolation`, whose scheme this is.
 
-        All forces but the drives' are current at the start.
+        All forces except the drives' are current at the start.
         """
         first = self._measure()
         turns: list[torch.Tensor] = []
@@ -290,7 +290,7 @@ class WarpBatch:
         self.qvel.copy_(velocities[-1])
 
     def _measure(self) -> _Acting:
-        """What acts with the controls on the device."""
+        """Matrices and forces for the controls on the device."""
         with self._on_device():
             mujoco_warp.fwd_actuation(self._model, self._data)
         seen, real = self._seen, self.arrays.real
@@ -339,7 +339,7 @@ def _find_impulses(
     rates: warp.array2d(dtype=warp.float64),
     impulses: warp.array2d(dtype=warp.float64),
 ) -> None:
-    """As `scene.integration.euler`: impulses, within their bounds, that stop or slow rates."""
+    """Impulses within their bounds that stop or slow rates, as in `scene.integration.euler`."""
     robot = warp.tid()
     count = rates.shape[1]
     for _sweep in range(_SWEEPS):
@@ -358,7 +358,7 @@ def _find_impulses(
 
 
 def _add_row(entries: list[torch.Tensor], entry: torch.Tensor) -> None:
-    """Neville: entries of the last row become those of the next, which starts with an entry."""
+    """Neville's scheme: replace the last row by the next, which starts with an entry."""
     row = len(entries)
     for j in range(row):
         before, entries[j] = entries[j], entry
@@ -367,7 +367,7 @@ def _add_row(entries: list[torch.Tensor], entry: torch.Tensor) -> None:
 
 
 def _wind(servos: torch.Tensor, time: float) -> None:
-    """Let servos (n, rows, nu) turn for a time [s], by the law of `scene.servos`."""
+    """Turn servos (n, rows, nu) for a time [s], by the law of `scene.servos`."""
     way = servos[:, OFFSET] + servos[:, COMMAND] - servos[:, MOTOR]
     most, half = servos[:, SPEED] * time, servos[:, HALF]
     servos[:, MOTOR] += torch.minimum(torch.maximum(way, -most), most)
@@ -385,9 +385,9 @@ def _places(nonzero: ndarray, start: ndarray, column: ndarray) -> tuple[ndarray,
 
 
 def _without_reset(model: mujoco.MjModel) -> Any:
-    """A copy without the flag of ours that Warp refuses: it never resets a diverged state.
+    """A copy without our flag that Warp refuses; Warp never resets a diverged state.
 
-    And without constraints, which MuJoCo's friction is.
+    It also has no constraints, which includes MuJoCo's friction.
     """
     copied, flags = copy(model), mujoco.mjtDisableBit
     copied.opt.disableflags &= ~int(flags.mjDSBL_AUTORESET)

@@ -1,4 +1,4 @@
-"""What the backend "warp" can do, said before anything is built; it loads nothing heavy."""
+"""Limits of the backend "warp", checked before anything is built, without heavy imports."""
 
 import re
 from collections.abc import Iterable
@@ -20,10 +20,10 @@ from softrobot_env.scene.timestep import EXTRAPOLATION
 from ..randomization import Randomization
 from .batch import VARIED
 
-if TYPE_CHECKING:  # what takes seconds to load
+if TYPE_CHECKING:  # takes seconds to load
     from .warp_batch import WarpBatch
 
-#: Those of its integrators.
+#: Its integrators.
 INTEGRATORS = (EXTRAPOLATION, "implicitfast", "discrete")
 
 #: Length of a step of the extrapolation, over the first period, unless a timestep is given.
@@ -33,11 +33,11 @@ _BACKEND = "backend 'warp'"
 
 
 def checked_device(device: str | None) -> str:
-    """The device that is asked for, the first CUDA device unless one is.
+    """The requested device, by default the first CUDA device.
 
     Raises:
         ImportError: The extra is not installed.
-        ValueError: There is no such device; the message names those that are there.
+        ValueError: There is no such device; the message names the available ones.
     """
     missing = [name for name in ("mujoco_warp", "torch") if find_spec(name) is None]
     if missing:
@@ -55,7 +55,7 @@ def checked_device(device: str | None) -> str:
 
 
 def check_options(threads: int, integrator: str | None, accuracy: float | str) -> None:
-    """Raise ValueError for arguments of an environment that the backend does not take."""
+    """Raise ValueError for arguments of an environment that the backend does not support."""
     if threads:
         raise ValueError(f"{_BACKEND} takes no threads, they are MuJoCo's: choose a device")
     if integrator not in (None, *INTEGRATORS):
@@ -69,7 +69,7 @@ def check_options(threads: int, integrator: str | None, accuracy: float | str) -
 
 
 def check_varied(scene: Scene, names: Iterable[str]) -> None:
-    """Raise ValueError for variations of robots, by name, that the backend cannot have."""
+    """Raise ValueError for variations of robots, by name, that the backend does not support."""
     checks = {"tendon_friction": _check_friction, "tendon_radius": _check_radius}
     for name in names:
         one = VARIATIONS[name]
@@ -97,7 +97,7 @@ def _check_radius(scene: Scene) -> None:
 
 
 def check_robot(scene: Scene, randomization: Randomization | None) -> None:
-    """Raise ValueError for what the backend cannot simulate."""
+    """Raise ValueError for robots that the backend cannot simulate."""
     model, name = scene.model, scene.name
     if scene.config.robot.has_capstan_friction:
         raise ValueError(
@@ -122,12 +122,12 @@ def check_robot(scene: Scene, randomization: Randomization | None) -> None:
 
 
 def make_batch(scene: Scene, count: int, device: str) -> "WarpBatch":
-    """Simulations of a scene that `check_robot` has looked at.
+    """Simulations of a scene that `check_robot` has accepted.
 
     Args:
         scene: The scene.
         count: Number of simulations.
-        device: As `checked_device` has it.
+        device: See `checked_device`.
     """
     from .warp_batch import WarpBatch
 
