@@ -109,7 +109,9 @@ class RecordEpisodes(_Recorder, gymnasium.Wrapper):
     (including noise and delay); pictures with a known age are assigned to their own time. The step
     in which an episode fails is left out.
 
-        env = RecordEpisodes(gymnasium.make("SoftRobot/RigReach-v0"), "out/rig.csv") ... env.close()  # writes out/rig.csv and out/rig.toml
+        env = RecordEpisodes(gymnasium.make("SoftRobot/RigReach-v0"), "out/rig.csv")
+        ...
+        env.close()  # writes out/rig.csv and out/rig.toml
 
     Attributes:
         label: Label of the next rows.

@@ -1,1 +1,1 @@
-"""Run policies, measure them as the thesis does, and report."""
+"""Run policies, compute the metrics of the thesis, and report."""

@@ -9,7 +9,7 @@ from softrobot_env.tasks.trajectories import Trajectory
 
 from .rollout import Rollout
 
-#: Part of a step response, at its end, whose mean is the steady-state value.
+#: Final part of a step response, whose mean is the steady-state value.
 _STEADY_WINDOW = 0.1
 
 #: Half width of the settling band, relative to the step.
@@ -32,10 +32,10 @@ class StepMetrics:
 
     Attributes:
         rise_time: [s] from 10 % to 90 % of the way to the steady-state value.
-        settling_time: [s] after which the response stays within 2 % of the way around the
-            steady-state value; None if it does not within the record.
-        overshoot: [1], largest excursion beyond the steady-state value over the way to it.
-        steady_state_error: [1], distance of steady-state value and target over the step width.
+        settling_time: [s] after which the response stays within 2 % of the steady-state value; None
+            if it does not within the record.
+        overshoot: [1], largest excursion beyond the steady-state value, over the distance to it.
+        steady_state_error: [1], difference of steady-state value and target, over the step width.
     """
 
     rise_time: float | None
@@ -57,9 +57,9 @@ def tracking_metrics(rollout: Rollout) -> TrackingMetrics:
 
 @dataclass(frozen=True)
 class ApproachedMetrics:
-    """Error of the tip after the approach to the path, in [m]: what Tabs. 5.2 and 5.3 count.
+    """Error of the tip after the approach to the path, in [m], as in Tabs. 5.2 and 5.3.
 
-    None where a trajectory has no approach, the record ends with it, or the episode failed.
+    None if the trajectory has no approach, the record ends with it, or the episode failed.
     """
 
     e_mean_tracking: float | None
@@ -75,7 +75,7 @@ def approached_metrics(rollout: Rollout, trajectory: Trajectory) -> ApproachedMe
 
 
 def step_metrics(time: ndarray, tip: ndarray, target: ndarray) -> StepMetrics:
-    """Figures of the tip's projection onto the direction of the step.
+    """Metrics of the tip's projection onto the direction of the step.
 
     Args:
         time: (T,) [s], the step happens at time 0.
@@ -87,7 +87,7 @@ def step_metrics(time: ndarray, tip: ndarray, target: ndarray) -> StepMetrics:
     window = max(1, round(_STEADY_WINDOW * len(response)))
     steady = float(response[-window:].mean())
     error = abs(1 - steady)
-    if steady <= _BAND:  # it never left the start: rise and overshoot have no meaning
+    if steady <= _BAND:  # it never left the start: rise and overshoot are undefined
         return StepMetrics(None, None, None, error)
     relative = response / steady
     begin, end = (_first_crossing(time, relative, level) for level in (0.1, 0.9))
@@ -116,7 +116,7 @@ def _settling_time(time: ndarray, relative: ndarray, window: int) -> float | Non
     if len(outside) == 0:
         return 0.0
     last = outside[-1]
-    if last >= len(time) - window:  # still leaving the band where the steady value is taken
+    if last >= len(time) - window:  # still outside the band where the steady value is computed
         return None
     gap = np.abs(relative[last : last + 2] - 1)
     share = (gap[0] - _BAND) / (gap[0] - gap[1])

@@ -1,4 +1,4 @@
-"""Reports of flat rows: report.json, and what their columns mean for people."""
+"""Reports of flat rows: report.json, and readable labels of its columns."""
 
 import json
 import platform
@@ -13,14 +13,14 @@ from softrobot_env.robots import ENTRIES, VARIATIONS, RobotEntry
 from softrobot_env.tasks import OPTIONS, owner_of
 from softrobot_env.tasks.spec import labelled
 
-#: Plants of rows that are no simulation: the rig, and a virtual one, over a serial line.
+#: Plants of rows that are not simulations: the rig, and a virtual one, over a serial line.
 REAL, VIRTUAL = "real", "virtual"
 
 
 def option_columns(options: Mapping[str, float]) -> dict[str, float | None]:
-    """Columns of a row for the options of any task, None where the task has none.
+    """Columns of a row for the options of any task, None where the task does not have them.
 
-    Options that only a user's task has are together in the column `more_options`, if any.
+    Options that only a user's task has are collected in the column `more_options`, if any.
     """
     own = {name: value for name, value in options.items() if name not in OPTIONS}
     columns = {option.column: options.get(name) for name, option in OPTIONS.items()}
@@ -28,20 +28,20 @@ def option_columns(options: Mapping[str, float]) -> dict[str, float | None]:
 
 
 def task_label(row: Mapping[str, Any]) -> str:
-    """Task with its options, and the robot unless it is one of the thesis, for people."""
+    """Label of a task with its options, and the robot unless it is one of the thesis."""
     values = {name: row.get(option.column) for name, option in OPTIONS.items()}
     values |= row.get("more_options") or {}
     return ", ".join(filter(None, (labelled(row["task"], values), own_robot(row))))
 
 
 def own_robot(row: Mapping[str, Any]) -> str:
-    """The robot of a row; empty where its tasks tell it."""
+    """The robot of a row; empty if the task implies it."""
     entry = entry_of_row(row)
     return row["robot"] if entry is None else "" if entry.named_by_tasks else entry.robot.name
 
 
 def entry_of_row(row: Mapping[str, Any]) -> RobotEntry | None:
-    """What is known of a row's robot, which the task tells where the row does not."""
+    """Registry entry of a row's robot, implied by the task if the row does not name it."""
     robot = row.get("robot")
     if robot is None and (owner := owner_of(row["task"])) is not None:
         robot = owner.name
@@ -54,7 +54,7 @@ def _has_twins(row: Mapping[str, Any]) -> bool:
 
 
 def variation_label(row: Mapping[str, Any]) -> str:
-    """Varied parameters and the delay that the policy knows for people, empty when nominal."""
+    """Label of varied parameters and of the delay known to the policy; empty if nominal."""
     varied = [VARIATIONS[name].shown(value) for name, value in row["variation"].items()]
     if row.get("known_delay"):
         varied.append(f"known {VARIATIONS['delay'].shown(row['known_delay'])}")
@@ -64,7 +64,7 @@ def variation_label(row: Mapping[str, Any]) -> str:
 
 
 def rig_label(row: Mapping[str, Any]) -> str:
-    """Which rig it was, for people; empty for other robots."""
+    """Label of the rig; empty for other robots."""
     if not _has_twins(row):
         return ""
     if row["plant"] == REAL:
@@ -74,12 +74,12 @@ def rig_label(row: Mapping[str, Any]) -> str:
 
 
 def identified_label(twin: int | None) -> str:
-    """The rig whose identified parameters a policy has, for people, by its seed if it has one."""
+    """Label of the rig whose identified parameters a policy uses, by its seed if it has one."""
     return "a rig without a seed" if twin is None else f"twin {twin}"
 
 
 def identified_elsewhere(row: Mapping[str, Any]) -> bool:
-    """Whether a policy drove another rig than its parameters are of, or perhaps another."""
+    """Whether a policy drove, or may have driven, another rig than the identified one."""
     if row.get("identified") is None:
         return False
     seedless = row["plant"] == REAL or row["twin"] is None
@@ -87,17 +87,17 @@ def identified_elsewhere(row: Mapping[str, Any]) -> bool:
 
 
 def robot_label(row: Mapping[str, Any]) -> str:
-    """Which rig it was, and how the robot differs from the nominal one."""
+    """Label of the rig, and of the robot's differences from the nominal one."""
     return ", ".join(filter(None, (rig_label(row), variation_label(row))))
 
 
 def robot_heading(row: Mapping[str, Any]) -> str:
-    """What `robot_label` tells."""
+    """Heading of the column of `robot_label`."""
     return "rig" if _has_twins(row) else "variation"
 
 
 def beside_real_drives(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows with the mean error [m] of the same episodes with a real drive beside it, if any."""
+    """Rows extended by the mean error [m] of the same episodes with a real drive, if any."""
     changing = {"real_drive", "remarks", "failure"}
 
     def key(row: dict[str, Any]) -> str:
@@ -108,17 +108,17 @@ def beside_real_drives(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [row | {"e_mean_real_drive": real.get(key(row))} for row in rows]
 
 
-#: A row as report.json has it, see `EvaluatedRow.columns`.
+#: A row in the format of report.json, see `EvaluatedRow.columns`.
 Row = dict[str, Any]
 
 _PACKAGES = ("softrobot_env", "mujoco", "gymnasium", "numpy", "scipy")
 
 
 def write_json(path: Path, rows: list[Row], command: str) -> None:
-    """Write `{"meta": ..., "rows": ...}`, a row per line; `command` is what made them.
+    """Write `{"meta": ..., "rows": ...}`, a row per line; `command` is the one that made them.
 
     Raises:
-        ValueError: A row holds NaN or infinity; failed runs must say None and why.
+        ValueError: A row holds NaN or infinity; failed runs must hold None and the reason.
     """
     meta = json.dumps(metadata(command), indent=1)
     lines = ",\n".join(json.dumps(row, allow_nan=False) for row in rows)
@@ -126,7 +126,7 @@ def write_json(path: Path, rows: list[Row], command: str) -> None:
 
 
 def metadata(command: str) -> dict[str, Any]:
-    """Versions, machine and command of this run, its CPU time [s], and what it depends on."""
+    """Versions, machine and command of this run, its CPU time [s], and its dependencies."""
     return {
         "command": command,
         "python": platform.python_version(),

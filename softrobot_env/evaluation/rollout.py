@@ -12,10 +12,10 @@ from softrobot_env.recordings import Recording
 from softrobot_env.recordings.recording import episode_recording
 from softrobot_env.tasks import Task
 
-#: What a real robot may have no sensor for.
+#: Quantities for which a real robot may have no sensor.
 _UNMEASURED = ("tendon_tension", "curvature")
 
-#: Arrays (T, k) that pictures may do without.
+#: Arrays (T, k) that pictures do not need.
 _ARRAYS = ("action", "tendon_tension", "tendon_length", "curvature")
 
 
@@ -27,15 +27,15 @@ class Rollout:
         time: (T,) [s].
         reference: (T, 3) [m].
         tip: (T, 3) [m].
-        action: (T, n_inputs) [1], the action in force just before each instant.
-        tendon_tension: (T, n_tendons) [N] really applied.
+        action: (T, n_inputs) [1], the action applied just before each instant.
+        tendon_tension: (T, n_tendons) [N], actually applied.
         tendon_length: (T, n_tendons) [m] inside the robot.
         curvature: (T, n_pieces) [1/m].
         reward: (T,) [1], zero at the first instant.
         policy_time: (d,) [s] spent in `predict`, at each of the policy's decisions. There is one
-            for every step but the failed, unless the policy decides less often.
-        policy_status: (d,) str, why the decided action, or the motion that it gives, was not
-            the one wanted; "" where it was.
+            for every successful step, unless the policy decides less often.
+        policy_status: (d,) str, why the decided action, or the resulting motion, was not the
+            intended one; "" if it was.
         wall_time: [s] the whole episode took, policy included.
         source: "sim" or "real".
         failure: What went wrong, or None.
@@ -61,7 +61,7 @@ class Rollout:
         return np.linalg.norm(self.tip - self.reference, axis=1)
 
     def part(self, instants: slice) -> "Rollout":
-        """The record at some of its instants, with all of the policy's decisions."""
+        """The record at selected instants, with all decisions of the policy."""
         arrays = {k: v for k, v in vars(self).items() if isinstance(v, ndarray)}
         kept = {k: v[instants] for k, v in arrays.items() if not k.startswith("policy_")}
         return replace(self, **kept)
@@ -72,7 +72,7 @@ class Rollout:
         return self.part(slice(None, None, max(1, round(period / apart))))
 
     def slim(self, *names: str) -> "Rollout":
-        """The record for pictures: of the arrays beside time, reference and tip only the named."""
+        """The record for pictures: time, reference, tip and the named arrays only."""
         small = {k: v[:, :0] for k, v in vars(self).items() if k in _ARRAYS and k not in names}
         decisions = {"policy_time": self.policy_time[:0], "policy_status": self.policy_status[:0]}
         return replace(self, reward=np.zeros_like(self.reward), **small, **decisions)
@@ -100,7 +100,7 @@ class Rollout:
 
         Raises:
             FileNotFoundError: No such file.
-            ValueError: It is no record, or not finite although nothing failed.
+            ValueError: It is not a record, or not finite although nothing failed.
         """
         data = read_arrays(path)
         if "failure" not in data:  # after a divergence nothing is finite

@@ -16,15 +16,15 @@ from softrobot_env.recordings.recording import at_their_time
 
 from .rollout import Rollout
 
-#: Coordinates x and z, those of positions where an environment does not name its `axes`.
+#: Coordinates x and z, used for positions if an environment does not name its `axes`.
 _PLANE = slice(0, 3, 2)
 
 _NOTHING = np.empty(0)
 
-#: Seconds between two words about the progress, which must not show in times.
+#: Seconds between progress reports, rare enough not to affect measured times.
 _REPORT_EVERY = 0.5
 
-#: Observables a recorded environment has to provide.
+#: Observables that a recorded environment must provide.
 RECORDED = ("tip_position", "reference", "previous_action")
 
 
@@ -33,11 +33,11 @@ class Moment:
     """The state of an episode at a control instant.
 
     Attributes:
-        observation, info: As `reset` or `step` returned them.
+        observation, info: As returned by `reset` or `step`.
         reward: [1] of the step that led here, zero at the start.
         policy_time: [s] spent in `predict` for that step; None at the start, and while a policy
-            that decides less often only holds its action (and an observer may go on).
-        status: Why the policy's action was not the one it wanted, or None.
+            that decides less often holds its action (an observer may continue).
+        status: Why the policy's action was not the intended one, or None.
         failed: Whether that step failed.
     """
 
@@ -57,10 +57,11 @@ def play(
 ) -> Iterator[Moment]:
     """Reset, then step to the end of the episode, yielding every instant.
 
-    A policy that says what it `requires` is shown nothing else.
+    A policy that declares what it `requires` is shown nothing else.
 
     Raises:
-        OutsideError: The policy requires what is not observed, fails, or wants to end the program.
+        OutsideError: The policy requires something that is not observed, fails, or exits the
+            program.
     """
     observation, info = env.reset(seed=seed, options=options)
     yield Moment(observation, info)
@@ -103,17 +104,17 @@ def run_episode(
 
     Args:
         env: Environment that observes at least `RECORDED` and what the policy needs.
-        policy: A policy; it sees only the observables it `requires`, if it says so.
+        policy: A policy; it sees only the observables it `requires`, if declared.
         seed, options: Passed to `reset`.
-        progress: Shows the time [s] in the episode now and again.
+        progress: Shows the time [s] in the episode occasionally.
 
-    Returns:
-        The record. After a failure it ends at the last instant before it. Where `info` has a
-        `tip_age`, the tip's measurements are brought to the control instants by their own times.
-        A robot whose curvature is not observed has none in its record.
+        Returns:
+            The record. After a failure it ends at the last instant before it. If `info` has a
+            `tip_age`, the tip's measurements are interpolated from their own times to the control
+            instants. The record has no curvature if it is not observed.
 
-    Raises:
-        ValueError: The environment does not provide what is recorded.
+        Raises:
+            ValueError: The environment does not provide the recorded observables.
     """
     check_observed(env, RECORDED)
     axes = getattr(env.unwrapped, "axes", _PLANE)
@@ -141,10 +142,10 @@ def run_episode(
 
 
 class Columns:
-    """Columns of numbers that grow row by row, in little memory.
+    """Columns of numbers that grow row by row, with little memory.
 
-    Kept moments would be some thirty times as large, and page faults for them would show in
-    policy times.
+    Storing moments would take some thirty times as much, and their page faults would affect policy
+    times.
     """
 
     def __init__(self) -> None:
@@ -159,7 +160,7 @@ class Columns:
                 first = np.asarray(value)
                 column = self._columns[name] = np.empty((256, *first.shape), first.dtype)
             elif self._count == len(column):
-                column = self._columns[name] = np.concatenate((column, column))  # room for more
+                column = self._columns[name] = np.concatenate((column, column))  # doubled
             column[self._count] = value
         self._count += 1
 
@@ -169,14 +170,14 @@ class Columns:
 
 
 def warm_up(env: gymnasium.Env, policy: Policy, options: dict[str, Any] | None = None) -> None:
-    """Run one step, so that no policy time includes what happens on a first call only."""
+    """Run one step, so that policy times do not include the work of a first call."""
     one_step = {"duration": env.unwrapped.control_period}
     for _ in play(env, policy, options=(options or {}) | one_step):
         pass
 
 
 def _sample(moment: Moment, axes: slice) -> dict[str, Any]:
-    observation, info = moment.observation, moment.info  # `info` has the truth if there is noise
+    observation, info = moment.observation, moment.info  # with noise, `info` has the truth
     return {
         "time": info["time"],
         "reference": _in_space(observation["reference"], axes),
@@ -191,7 +192,7 @@ def _sample(moment: Moment, axes: slice) -> dict[str, Any]:
 
 
 def _in_space(point: ndarray, axes: slice) -> ndarray:
-    """(3,) from the two coordinates an environment has, zero elsewhere, or unchanged."""
+    """(3,) from the two coordinates of an environment, with zero for the other; or unchanged."""
     if len(point) == 3:
         return point
     placed = np.zeros(3)

@@ -1,4 +1,4 @@
-"""The one way from a case to an episode with record and row."""
+"""Runs a case as an episode, with its record and row."""
 
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -33,18 +33,18 @@ from .run import run_episode, warm_up
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeRow:
-    """What every report says of an episode; after a failure all metrics of the motion are None.
+    """Row of an episode in every report; after a failure all metrics of the motion are None.
 
     Attributes:
         task, policy, robot, plant, source: Names.
         step_width: [m] of a step, None for other tasks.
-        variation: What differed from the nominal robot.
+        variation: Differences from the nominal robot.
         e_mean, e_max, e_rms, e_final: [m], see `TrackingMetrics`.
-        rise_time, settling_time, overshoot, steady_state_error: See `StepMetrics`; None where the
-            task is no step.
+        rise_time, settling_time, overshoot, steady_state_error: See `StepMetrics`; None if the task
+            is not a step.
         policy_time_median, policy_time_p99: [s] per decision.
         realtime_factor: Duration of the motion over that of the whole simulation [1].
-        remarks: Share of the decisions with each status that was not to do what was wanted.
+        remarks: Share of the decisions with each status other than success.
         failure: What went wrong, or None.
     """
 
@@ -75,13 +75,13 @@ class EvaluatedRow(EpisodeRow):
     """A row of `softrobot evaluate`.
 
     Attributes:
-        options: Columns of the task's options, see `labels.option_columns`.
+        options: Columns of the task's options, see `report.option_columns`.
         twin: Seed of the rig's twin; None for other rigs and robots.
         e_mean_tracking, e_max_tracking: [m], see `ApproachedMetrics`.
-        feedback: What the policy measured; None where it measures nothing.
-        identified: The rig of which the policy's identified parameters are, for people, or None.
-        known_delay: [s] of actions, for which the policy makes up.
-        real_drive: Whether the robot had a usual drive of real ones.
+        feedback: What the policy measured; None if it measures nothing.
+        identified: Label of the rig whose identified parameters the policy used, or None.
+        known_delay: [s] of actions, for which the policy compensates.
+        real_drive: Whether the robot had a typical real drive.
     """
 
     options: dict[str, float | None]
@@ -94,7 +94,7 @@ class EvaluatedRow(EpisodeRow):
     real_drive: bool = False
 
     def columns(self) -> dict[str, Any]:
-        """What report.json has: a column for each option as well."""
+        """The columns in report.json, including one for each option."""
         flat = {}
         for name, value in vars(self).items():
             flat |= value if name == "options" else {name: value}
@@ -113,21 +113,21 @@ class Case:
     Attributes:
         task: The task.
         policy: The policy, see `control.registry.find_policy`.
-        variation: What differs from the nominal robot, see the reset option `vary`.
+        variation: Differences from the nominal robot, see the reset option `vary`.
         twin: Seed of the rig's twin; None for an ideal rig, and for other robots.
-        plant: What moves, as reports say it: one of `beams.registry.PLANTS`, or what is behind a
+        plant: Name of the plant in reports: one of `beams.registry.PLANTS`, or hardware over a
             serial line.
-        feedback: What the policy measures, one of `control.registry.FEEDBACKS`; None where it
-            measures what it asks for.
-        sensors: File of the sensors' calibration, for feedback from them; found unless given.
-        delay: [s], known time by which actions are late, for which the policy makes up.
-        duration: [s] of the episode, the task's own unless given.
-        scene: Keyword arguments of the environment beyond those that the policy needs.
-        identified: Identified parameters of a robot, for policies that act on them; those that come
-            with the package unless given.
-        given: Keyword arguments of the policy beyond those of its name, such as a file of its own.
-        real_drive: Whether the simulated robot has a usual drive of real ones, of which policies do
-            not know, see `robots.twin.with_real_drive`.
+        feedback: What the policy measures, one of `control.registry.FEEDBACKS`; None if it measures
+            all that it requires.
+        sensors: File of the sensors' calibration, for feedback from them; by default searched for.
+        delay: [s], known delay of actions, for which the policy compensates.
+        duration: [s] of the episode, by default the task's own.
+        scene: Keyword arguments of the environment in addition to those that the policy needs.
+        identified: Identified parameters of a robot, for policies that use them; by default those
+            shipped with the package.
+        given: Keyword arguments of the policy in addition to those of its name, such as a file.
+        real_drive: Whether the simulated robot has a typical real drive, unknown to policies, see
+            `robots.twin.with_real_drive`.
     """
 
     task: Task
@@ -146,14 +146,14 @@ class Case:
 
     @property
     def label(self) -> str:
-        """Task, robot or rig, policy and variation for people."""
+        """Label with task, robot or rig, policy and variation."""
         row = {"variation": self.variation, "known_delay": self.delay}
         varied = variation_label(row | {"real_drive": self.real_drive})
         return ", ".join(filter(None, (self.robot_label, policy_name(self.policy), varied)))
 
     @property
     def robot_label(self) -> str:
-        """Task, robot unless it is one of the thesis, and which rig it is, for people."""
+        """Label with task, robot unless it is one of the thesis, and rig."""
         row = {"task": self.task.name, "robot": self.task.robot.name}
         row |= {"plant": self.plant, "twin": self.twin}
         return ", ".join(filter(None, (self.task.label, own_robot(row), rig_label(row))))
@@ -168,7 +168,7 @@ class Case:
         return options if self.duration is None else options | {"duration": self.duration}
 
     def environment(self, **drawing: Any) -> gymnasium.Env:
-        """The simulation of this case with all observables; `drawing` is how to render."""
+        """The simulation of this case with all observables; `drawing` holds rendering options."""
         options = policy_environment(self.policy, self.task.robot, self.delay)
         options |= dict(self.scene) | drawing
         if self.plant != MUJOCO:
@@ -178,7 +178,7 @@ class Case:
 
     @property
     def _built(self) -> Twin | None:
-        """The robot as built; None where it is as its parameters say."""
+        """The robot as built; None for the nominal one."""
         robot = self.task.robot
         built = as_built(robot, self.scene.get("twin", self.twin))
         if not self.real_drive or robot.drive.kind == "tension":
@@ -201,28 +201,28 @@ class Case:
 
 
 def as_built(robot: RobotParams, twin: Twin | int | None) -> Twin | None:
-    """The twin of a seed, without one the ideal robot; None of a robot that has no twins."""
+    """The twin of a seed, or the ideal robot without a seed; None for robots without twins."""
     return None if entry_of(robot).twin is None and twin is None else twin_of(robot, twin)
 
 
 def simulated(task: Task, twin: Twin | int | None = None, **options: Any) -> gymnasium.Env:
-    """The environment of a task's robot, as built; `options` as of its class."""
+    """The environment of a task's robot, as built; `options` are those of its class."""
     built = as_built(task.robot, twin)
     given = {} if built is None else {"twin": built}
     return load(entry_of(task.robot).environment)(task, **given | options)
 
 
 def acts_on_identified(policy: str, robot: RobotParams) -> bool:
-    """Whether a policy of a robot acts on its identified parameters."""
+    """Whether a robot's policy uses its identified parameters."""
     return entry_of(robot).identified is not None and find_policy(policy, robot).takes("identified")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """An episode that was run.
+    """A finished episode.
 
     Attributes:
-        case: What was run.
+        case: The case.
         rollout: The record.
         decision_period: [s] between decisions of the policy.
     """
@@ -232,7 +232,7 @@ class Outcome:
     decision_period: float
 
     def row(self, kind: type[Row] = EpisodeRow, **own: Any) -> Row:
-        """The episode as a row of some kind; `own` are the fields that this kind adds."""
+        """The episode as a row of a given kind; `own` holds the fields that this kind adds."""
         case, rollout, tracking, step = self.case, self.rollout, None, None
         width = case.task.step_width
         if rollout.failure is None:
@@ -274,13 +274,13 @@ def run(
     policy: Policy | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Outcome:
-    """Run an episode, after a step that loads and compiles what is needed.
+    """Run an episode, after a step that loads and compiles everything.
 
     Args:
         case: The episode.
-        env: Environment to run it in, which stays open; the simulation of the case unless given.
-        policy: The policy; that of the case unless given.
-        progress: Shows the time [s] in the episode now and again.
+        env: Environment to run it in, which stays open; by default the simulation of the case.
+        policy: The policy; by default that of the case.
+        progress: Shows the time [s] in the episode occasionally.
     """
     if env is None:
         with closing(case.environment()) as made:

@@ -1,6 +1,6 @@
-"""What a study found, written and read again: its pictures are made of these files alone.
+"""Writes and reads the results of a study; its pictures are drawn from these files alone.
 
-`report.json` has the rows; `drawn.npz` beside it, where there is any, what only pictures need.
+`report.json` has the rows; `drawn.npz` next to it, if present, holds data for pictures only.
 """
 
 import gzip
@@ -21,7 +21,7 @@ REPORT, DRAWN = "report.json", "drawn.npz"
 
 
 def write(folder: Path, records: Sequence[Record], command: str) -> None:
-    """Write both files; `command` is what made them.
+    """Write both files; `command` is the one that made them.
 
     Raises:
         ValueError: A row holds NaN or infinity.
@@ -37,7 +37,7 @@ def command(folder: Path) -> str:
     """The command that made the report of a folder.
 
     Raises:
-        FileNotFoundError, ValueError: As `read`.
+        FileNotFoundError, ValueError: See `read`.
     """
     return _content(_report(folder))[1]
 
@@ -46,12 +46,12 @@ def read(folder: Path, kinds: Iterable[type[Record]]) -> list[Record]:
     """The records of a study.
 
     Args:
-        folder: Where `write` wrote them; the report may be packed with gzip.
-        kinds: What they are, or derive from.
+        folder: Folder of `write`; the report may be compressed with gzip.
+            kinds: Their classes, or base classes.
 
-    Raises:
-        FileNotFoundError: There is no report.
-        ValueError: It is damaged, that of another study, or `drawn.npz` is.
+        Raises:
+            FileNotFoundError: There is no report.
+            ValueError: The report or `drawn.npz` is damaged or belongs to another study.
     """
     path = _report(folder)
     rows = _rows(path)
@@ -117,7 +117,7 @@ _ROLLOUT = "rollout"
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Values for a tree, which has no episodes."""
+    """Values for a tree of plain data, without episodes."""
     return {k: {_ROLLOUT: vars(v)} if isinstance(v, Rollout) else v for k, v in values.items()}
 
 
@@ -139,5 +139,5 @@ def _with_derived(kinds: Iterable[type[Record]]) -> list[type[Record]]:
 
 @cache
 def _columns(kind: type[Record]) -> dict[str, Any]:
-    """Types of what is written of a record, by column."""
+    """Types of the columns written for a record."""
     return {k: hint for k, hint in get_type_hints(kind).items() if k in kind.written()}

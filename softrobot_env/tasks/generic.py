@@ -1,9 +1,9 @@
-"""Tasks that any robot can be given, in its own workspace.
+"""Tasks for any robot, in its own workspace.
 
-Their paths run in the plane in which the robot's statics can put its tip anywhere: the x-z plane of
+Their paths run in the plane in which the robot's statics can place its tip freely: the x-z plane of
 a planar robot, and across the axis of a spatial one, whose tip's height then follows from the
-statics. All points are reachable: the inputs that hold them have been found. What is known about a
-robot (`site_of`) is kept for the process; MuJoCo loads when the first task is made.
+statics. All points are reachable: the inputs that hold them have been computed. The data of a robot
+(`site_of`) are cached in the process; MuJoCo is loaded when the first task is made.
 """
 
 from collections.abc import Callable
@@ -25,11 +25,11 @@ from .trajectories import SetPoints
 if TYPE_CHECKING:
     from softrobot_env.scene.inverse import InverseStatics, ReachableEllipse
 
-#: Default size of a path, and of the disc of set points, as shares of how far the tip gets.
+#: Default size of a path, and of the disc of set points, as shares of the tip's range.
 PATH_SHARE, REACH_SHARE = 0.5, 0.8
 
-#: Default speed: a lap takes at least so many periods of the first mode, and so many s; and at most
-#: so many reaches of the robot per second.
+#: Default speed: a lap takes at least this many periods of the first mode, and this many s; the
+#: speed is at most this many reaches of the robot per second.
 _LAP, _SHORTEST_LAP, _FASTEST = 8.0, 1.0, 0.5
 
 #: Default time at a set point, in periods of the first mode, and at least [s].
@@ -37,39 +37,38 @@ _HOLD, _SHORTEST_HOLD = 5.0, 1.0
 
 _POINTS = 10
 
-#: Discs of set points that are tried where no size is asked for, each half as large as the last.
+#: Number of discs of set points tried if no size is given, each half as large as the last.
 _HALVINGS = 4
 
 _LAPS, _REST = 2, 1.0
 
-#: Laps at a frequency: one more is lost to the ramps, each a lap long, so that two are at full
-#: rate.
+#: Laps at a frequency: the ramps, each a lap long, cost one lap, so that two are at full rate.
 _LAPS_AT_FREQUENCY = 3
 
-#: A height is solved at so many points, and at so many per harmonic of the flat path; it is fitted
-#: by a share of as many harmonics.
+#: A height is computed at this many points, and this many per harmonic of the flat path; the number
+#: of fitted harmonics is a share of that.
 _SOLVED, _PER_HARMONIC, _FITTED = 48, 16, 0.4
 
 
-#: Harmonics of a height that are smaller, over the reach, are left out.
+#: Harmonics of a height below this, over the reach, are dropped.
 _FELT = 1e-8
 
-#: The surface of the tips is solved on so many rings and spokes, and fitted by polynomials of this
-#: total degree, which may be so far off, over the reach.
+#: The surface of the tips is computed on this many rings and spokes, and fitted by polynomials of
+#: this total degree, with this largest error over the reach.
 _RINGS, _SPOKES, _DEGREE, _SMOOTH = 6, 20, 8, 1e-4
 
-#: Share of the reach that a tip of such a surface has to spare which was beyond it: series through
-#: tips are about as exact.
+#: Margin, as a share of the reach, of tips of such a surface that were beyond it: series through
+#: tips are about as accurate.
 _SPARE = 1e-6
 
 
 class ReachableRegion(NamedTuple):
-    """Where a robot's tasks take place.
+    """The region of a robot's tasks.
 
     Attributes:
         inverse: Its inverse statics.
-        ground: Where its tip gets everywhere, in the plane of the paths.
-        period: [s], about that of the first mode, which default speeds go by.
+        ground: Region fully reachable by its tip, in the plane of the paths.
+        period: [s], about that of the first mode, by which default speeds are scaled.
         frequency: [Hz] of the first mode about the middle of the ground, tensions or lengths held.
     """
 
@@ -82,8 +81,8 @@ class ReachableRegion(NamedTuple):
         """Tips (n, 3) [m] and inputs (n, n_inputs) that hold points (n, 3), one after the other.
 
         Raises:
-            ValueError: A point cannot be reached; the message says how far off it is, and what is
-                large enough for sure.
+            ValueError: A point cannot be reached; the message says by how much, and which size is
+                safe.
         """
         held, rows = self.inverse.solve(self.ground.middle[None], self.ground.inputs), []
         for point in points:
@@ -106,7 +105,7 @@ class ReachableRegion(NamedTuple):
 
 @lru_cache(maxsize=32)
 def site_of(robot: RobotParams) -> ReachableRegion:
-    """The site of a robot's tasks, in its workspace; errors as `scene.inverse.workspace_of`."""
+    """The region of a robot's tasks; raises the errors of `scene.inverse.workspace_of`."""
     from softrobot_env.scene.inverse import workspace_of
     from softrobot_env.scene.linearised import linearised
 
@@ -169,7 +168,7 @@ def _reach(
 ) -> Task:
     """Ten set points, uniform in a disc of `radius` [m], held for `hold` [s] one by one.
 
-    Those of a robot whose tip does not move to all sides lie on a line, within `radius` of its
+    For a robot whose tip cannot move in all directions they lie on a line, within `radius` of its
     rest.
     """
     site, rng = site_of(robot), np.random.default_rng(whole(seed))
@@ -183,9 +182,9 @@ def _reach(
 def _set_points(
     site: ReachableRegion, rng: np.random.Generator, radius: float | None
 ) -> tuple[ndarray, float]:
-    """Points (n, 3) [m], and the radius [m] of what they lie in.
+    """Points (n, 3) [m], and the radius [m] of the disc or line that contains them.
 
-    Where a point of the usual disc cannot be held a smaller one is taken, or at last a line.
+    If a point of the default disc cannot be held, a smaller disc is used, and finally a line.
     """
     if site.ground.radius == 0:
         return _on_line(site, rng, radius)
@@ -216,10 +215,10 @@ def _in_disc(site: ReachableRegion, shares: ndarray, radius: float) -> tuple[nda
 def _on_line(
     site: ReachableRegion, rng: np.random.Generator, radius: float | None
 ) -> tuple[ndarray, float]:
-    """Tips (n, 3) [m] along the line that the tip gets farthest on.
+    """Tips (n, 3) [m] along the line of the tip's largest range.
 
-    They lie within `radius` [m] of where it is under the action 0, uniform in the length of the
-    line: a tendon that goes slack moves nothing.
+    They lie within `radius` [m] of the tip under the action 0, uniform in the length of the line: a
+    slack tendon moves nothing.
     """
     shares = np.linspace(-1, 1, 81)
     tips, postures = site.inverse.line(shares)
@@ -268,18 +267,18 @@ def laps(
     sheet: "_Sheet | None" = None,
     **options: float,
 ) -> Task:
-    """Laps of a closed path of the tip, from rest to rest; two of them at least at full rate.
+    """Laps of a closed path of the tip, from rest to rest; at least two of them at full rate.
 
     Args:
         name: Of the task.
         robot: The robot.
         flat: The path, in the plane of `site_of(robot).ground`: the height of a spatial robot's tip
             follows from its statics.
-        speed: [m/s], largest of the reference; slow for the robot unless given.
-        frequency: Laps per second in place of the speed, over the frequency of the robot's first
-            mode (`ReachableRegion.frequency`) [1]. The ramps at both ends then are a lap long.
-        sheet: Where the tip rests over this plane, if that is known already.
-        **options: What the path was made with, for labels and reports.
+        speed: [m/s], largest of the reference; by default slow for the robot.
+        frequency: Laps per second instead of the speed, over the frequency of the robot's first
+            mode (`ReachableRegion.frequency`) [1]. The ramps at both ends are then a lap long.
+        sheet: Surface of the tip's rests over this plane, if known.
+        **options: Options of the path, for labels and reports.
 
     Raises:
         ValueError: The robot cannot hold its tip somewhere on the path.
@@ -309,7 +308,7 @@ def _paced(
     frequency: float | None,
     what: str,
 ) -> tuple[SmoothRun, tuple[str, float]]:
-    """A run along a curve, and the option that says how fast it is; arguments as of `laps`."""
+    """A run along a curve, and the option that sets its speed; arguments as in `laps`."""
     if speed is not None and frequency is not None:
         raise ValueError(f"{what}: give its speed or its frequency, not both")
     if frequency is not None:
@@ -326,7 +325,7 @@ def _paced(
 
 
 def _phases(flat: FourierPath) -> ndarray:
-    """Equal steps of the phase of a flat path, at which its tips are found."""
+    """Equal steps of the phase of a flat path, at which its tips are computed."""
     count = max(_SOLVED, _PER_HARMONIC * len(flat.cosine))
     return 2 * np.pi * np.arange(count) / count
 
@@ -334,9 +333,9 @@ def _phases(flat: FourierPath) -> ndarray:
 def _raised(site: ReachableRegion, flat: FourierPath, tips: ndarray) -> FourierPath:
     """The path of the tip over a flat path, through tips (n, 3) [m] at its `_phases`.
 
-    In the x-z plane it is the flat one. A spatial robot's height is a Fourier series through the
-    tips, so that the path stays smooth; between them it is as good as the series converges (tests
-    hold it below 1e-4 of the reach).
+    In the x-z plane it is the flat one. For a spatial robot the height is a Fourier series through
+    the tips, so that the path stays smooth; between them its accuracy is that of the series (tests
+    require less than 1e-4 of the reach).
     """
     if site.inverse.scene.config.bending == "planar":
         return flat
@@ -369,8 +368,8 @@ class _Sheet(NamedTuple):
     def over(self, flat: ndarray) -> ndarray:
         """Tips (n, 3) [m] over points (n, 3) in the plane of the ground, within the ellipse.
 
-        As the surface is fitted, tips of a straight robot may be farther out than it is long: they
-        are taken back.
+        Because the surface is fitted, tips of a straight robot may exceed its length: they are
+        pulled back.
         """
         ground, robot = self.site.ground, self.site.inverse.scene.config.robot
         share = (flat - ground.middle) @ ground.axes.T / self.size
@@ -389,10 +388,10 @@ def _powers(points: ndarray) -> ndarray:
 
 @lru_cache(maxsize=32)
 def _sheet(robot: RobotParams, length: float, width: float, what: str) -> _Sheet | None:
-    """The sheet over an ellipse, found once, so that tasks in it cost little.
+    """The sheet over an ellipse, computed once, so that tasks in it are cheap.
 
     Returns:
-        The sheet; None where the surface is not smooth: then every tip has to be looked for.
+        The sheet; None if the surface is not smooth: then every tip must be solved for.
 
     Raises:
         ValueError: A tip on its rings cannot be held.
@@ -404,7 +403,7 @@ def _sheet(robot: RobotParams, length: float, width: float, what: str) -> _Sheet
     points = np.stack([disc.real, disc.imag], axis=1)
     flat = site.ground.middle + points * size @ site.ground.axes
     if site.inverse.scene.config.bending == "planar":
-        site.held_along(flat[-_SPOKES:], what)  # what is within can be held as well
+        site.held_along(flat[-_SPOKES:], what)  # points inside can be held as well
         return _Sheet(site, size, np.zeros(_powers(points).shape[1]))
     tips, _ = site.held_along(flat, what)
     height = (tips - site.ground.middle) @ np.cross(*site.ground.axes)
@@ -431,13 +430,13 @@ def _point(values: ndarray) -> tuple[float, ...]:
 
 
 def _rounded(value: float) -> float:
-    """Two digits, not more than the value."""
+    """The value rounded down to two digits."""
     digit = 10.0 ** (np.floor(np.log10(value)) - 1)
     return float(f"{digit * np.floor(value / digit * (1 + 1e-12)):.6g}")
 
 
 def _radius(given: float | None, usual: float) -> float:
-    """A radius [m]: about the usual one unless it is given; ValueError unless it is positive."""
+    """A radius [m], by default about the usual one; ValueError unless it is positive."""
     if given is None:
         return _rounded(usual)
     if not given > 0:
@@ -452,5 +451,5 @@ GENERIC_TASKS: Registry[Callable[..., Task]] = Registry(
 
 
 def generic_tasks(robot: RobotParams) -> dict[str, Maker]:
-    """The tasks that any robot can be given, of one robot; an option that is None has a default."""
+    """The generic tasks of a robot; options that are None have a default."""
     return {name: partial(make, robot) for name, make in GENERIC_TASKS.registered().items()}

@@ -10,11 +10,11 @@ from softrobot_env.core.registry import Registry
 class GripTask:
     """A task: a round bar between the fingers, across the planes in which they bend.
 
-    Pairs are the smallest and largest value of what every episode draws evenly.
+    Pairs are the smallest and largest value of a uniform distribution, sampled for every episode.
 
     Attributes:
         name: Key in `GRIP_TASKS`.
-        free: Whether the bar is free and has to be held; else it is clamped and to be enclosed.
+        free: Whether the bar is free and must be held; else it is clamped and must be enclosed.
         duration: [s].
         closing: [s], until which a free bar lies on the palm, undisturbed.
         diameter: [m], of the bar.
@@ -30,10 +30,10 @@ class GripTask:
         sensor_errors: [1], scale of the usual imperfections of the fingers' sensors
             (`robots.sensors.USUAL`).
         specimen: Seed of the differences between the sensors of grippers, rounded down.
-        within: What counts as success, at the end: of an enclosing grip the largest mean share by
-            which the curvatures differ from that of the wrapped bar; of a hold the farthest way [m]
-            of the bar from where it lay.
-        lost: [m], way of a free bar after which an episode fails.
+        within: Limit for success at the end: for an enclosing grip, the mean relative deviation of
+            the curvatures from that of the wrapped bar; for a hold, the largest displacement [m] of
+            the bar.
+        lost: [m], displacement of a free bar at which an episode fails.
     """
 
     name: str
@@ -77,7 +77,7 @@ SAMPLED = (
 #: Its name up to version 0.2.
 DRAWN = SAMPLED
 
-#: Of these, what cannot be zero.
+#: Those of them that cannot be zero.
 POSITIVE = ("diameter", "mass", "rate", "modulus", "arm")
 
 #: The tasks by name.

@@ -21,7 +21,7 @@ from .spec import OPTIONS, Maker, Task, defaults
 #: Tasks that were registered for one robot.
 EVERY_TASK: Registry[Maker] = Registry("task", {})
 
-#: Robot -> its own tasks, before those that any robot can be given.
+#: Robot -> its own tasks, which precede those for any robot.
 OWN_TASKS: dict[RobotParams, dict[str, Maker]] = {}
 
 
@@ -37,13 +37,13 @@ class TasksOf(Registry[Maker]):
         return generic_tasks(self._robot) | self.own()
 
     def own(self) -> dict[str, Maker]:
-        """Those that the robot alone has."""
+        """The robot's own tasks."""
         load_plugins()
         return OWN_TASKS.get(self._robot, {})
 
 
 def tasks_of(robot: RobotParams | str) -> TasksOf:
-    """The tasks of a robot: its own, and those that any robot can be given; errors as `find_robot`.
+    """The tasks of a robot: its own, and those for any robot; raises the errors of `find_robot`.
 
     Args:
         robot: The robot, the name of one, or a file that describes it.
@@ -62,15 +62,16 @@ def register_task(
 
     Args:
         name: Its name.
-        maker: Makes the task from its options, numbers with defaults that are its keyword
-            arguments. That of a task for any robot takes the robot first.
-        robot: The robot, or the name or file of one, whose own task it is, found by name alone as
-            well unless another has this name. Unless given, any robot can be given the task.
-        replace: Whether it may take the place of another task of this name.
+        maker: Makes the task from its options, keyword arguments that are numbers with defaults.
+            The maker of a task for any robot takes the robot as its first argument.
+            robot: The robot that the task belongs to, or its name or file; the task can then be
+            found by name alone unless another task has this name. By default the task is for any
+            robot.
+            replace: Whether it may replace another task of this name.
 
-    Raises:
-        ValueError: The name is taken, or the maker does not take what it has to.
-        TypeError: The maker is no function.
+        Raises:
+            ValueError: The name is taken, or the maker has a wrong signature.
+            TypeError: The maker is not a function.
         OSError: The robot's file cannot be read.
     """
     check_name("task", name)
@@ -91,7 +92,7 @@ def register_task(
 
 
 def check_maker(name: str, maker: Callable[..., Task], takes_robot: bool) -> None:
-    """Raise TypeError or ValueError unless something can make a task."""
+    """Raise TypeError or ValueError unless the maker can make a task."""
     if not callable(maker):
         raise TypeError(f"the maker of task {name!r} must be a function, got {maker!r}")
     first = needed(maker)
@@ -104,7 +105,7 @@ def check_maker(name: str, maker: Callable[..., Task], takes_robot: bool) -> Non
 
 
 def needed(maker: Callable[..., Task]) -> list[str]:
-    """Parameters without defaults of what makes a task."""
+    """Parameters of a maker without defaults."""
     return [n for n, p in signature(maker).parameters.items() if p.default is p.empty]
 
 
@@ -120,15 +121,15 @@ def make_task(
     """Build a task by name.
 
     Args:
-        name: One of `tasks_of(robot)`, without a robot one of `among`; or a task of one's own as
-            `package.module:name` or `file.py:name`: a `Task`, or what `register_task` takes.
-        step_width: As the option of that name.
+        name: One of `tasks_of(robot)`, without a robot one of `among`; or your own task as
+            `package.module:name` or `file.py:name`: a `Task`, or a maker as in `register_task`.
+        step_width: See the option of that name.
         robot: The robot, the name of one, or a file that describes it.
         among: The tasks to choose from without a robot.
-        **options: Of the step `step_width` [m]; of other tasks `speed` [m/s] where the reference
-            is fastest, or `frequency` of its laps over that of the robot's first mode, `seed` of a
-            random path or of set points, `period` [s] of a lap, `radius` [m], and `hold` [s] at
-            each set point. None is as not given.
+        **options: For the step `step_width` [m]; for other tasks the largest `speed` [m/s], or the
+            `frequency` of laps over that of the robot's first mode, `seed` of a random path or of
+            set points, `period` [s] of a lap, `radius` [m], and `hold` [s] at each set point. None
+            counts as not given.
 
     Raises:
         ValueError: Unknown name, an option of another task, or one out of range; or the robot
@@ -141,7 +142,7 @@ def make_task(
 def find_maker(
     name: str, robot: RobotParams | str | None = None, among: Mapping[str, Maker] = EVERY_TASK
 ) -> Maker:
-    """What makes a task of its options; arguments and errors as of `make_task`."""
+    """The maker of a task; arguments and errors as in `make_task`."""
     if robot is None and not is_path(name):
         return (among if isinstance(among, Registry) else Registry("task", among)).find(name)
     robot = None if robot is None else find_robot(robot)
@@ -149,7 +150,7 @@ def find_maker(
 
 
 def _given_maker(path: str, robot: RobotParams | None) -> Maker:
-    """What makes the task that a user's module or file has, for a robot where it takes one."""
+    """The maker of a task in a user's module or file, for a robot if it takes one."""
     found = load_given("task", path)
     if isinstance(found, Task):
         return _of_robot(path, lambda: found, robot)
@@ -164,7 +165,7 @@ def _given_maker(path: str, robot: RobotParams | None) -> Maker:
 
 
 def _of_robot(path: str, make: Maker, robot: RobotParams | None) -> Maker:
-    """The maker of a task that has its robot, which must be the one asked for, if any."""
+    """The maker of a task with its own robot, which must be the requested one, if any."""
     own = made_by(make, path, {}).robot
     if robot not in (None, own):
         raise ValueError(f"the task {path!r} is for robot {own.name!r}, not {robot.name!r}")
@@ -172,10 +173,10 @@ def _of_robot(path: str, make: Maker, robot: RobotParams | None) -> Maker:
 
 
 def remake_task(task: Task, /, **options: float) -> Task:
-    """The task with some options changed; a robot or start that was replaced by hand stays.
+    """The task with some options changed; a robot or start replaced by hand is kept.
 
     Raises:
-        ValueError: As `make_task`.
+        ValueError: See `make_task`.
     """
     make = task.maker or EVERY_TASK.find(task.name)
     before = _as_it_was(task.name, make, task.options)
@@ -195,7 +196,7 @@ def with_option(makers: Mapping[str, Maker]) -> dict[str, tuple[str, ...]]:
 
 
 def owner_of(name: str) -> RobotParams | None:
-    """The first robot that has a task of its own of this name; None without one."""
+    """The first robot with its own task of this name; None without one."""
     load_plugins()
     return next((robot for robot, own in OWN_TASKS.items() if name in own), None)
 
@@ -206,10 +207,10 @@ def _as_it_was(name: str, make: Maker, options: tuple[tuple[str, float], ...]) -
 
 
 def made_by(make: Maker, name: str, options: Mapping[str, float | None]) -> Task:
-    """The task that a maker makes of options, of which None is as not given.
+    """The task made from options, of which None counts as not given.
 
     Raises:
-        ValueError: An option that it has not, or one out of range.
+        ValueError: An option that the task does not have, or one out of range.
     """
     known = defaults(make)
     given = {option: value for option, value in options.items() if value is not None}

@@ -1,6 +1,6 @@
 """Smooth closed paths of the tip, and runs along them from rest to rest.
 
-They answer what `trajectories.Trajectory` asks for.
+They implement `trajectories.Trajectory`.
 """
 
 from dataclasses import dataclass
@@ -123,7 +123,7 @@ class SmoothRun:
 
     Attributes:
         curve: The path.
-        speed: [m/s] where the path is fastest at the constant rate; all along a circle.
+        speed: [m/s], largest speed at the constant rate; constant along a circle.
         laps: Number of times the path is run.
         ramp: [s] to speed up, and to slow down.
     """

@@ -1,4 +1,4 @@
-"""What a task is: a robot, a reference of its tip, a duration, a start, and its options."""
+"""Tasks: a robot, a reference for its tip, a duration, a start, and options."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -13,18 +13,18 @@ from softrobot_env.robots.actuation import check_inputs, robot_inputs
 
 from .trajectories import Trajectory
 
-#: Longest episode [s]; its reference is sampled beforehand.
+#: Longest episode [s]; the reference is sampled in advance.
 LONGEST = 3600.0
 
 
 @dataclass(frozen=True)
 class Option:
-    """What tasks can be made with, in the words of reports, labels and file names.
+    """An option of tasks, with its form in reports, labels and file names.
 
     Attributes:
         column: Of a row of a report.
         scale: Unit of labels per SI unit [1].
-        unit: That labels tell, empty for plain numbers.
+        unit: Unit in labels, empty for plain numbers.
     """
 
     column: str
@@ -32,12 +32,12 @@ class Option:
     unit: str = ""
 
     def text(self, value: float) -> str:
-        """A value for people."""
+        """A value as text."""
         return f"{self.scale * value:g} {self.unit}".rstrip()
 
 
-#: Options of all tasks, in the order of labels. Which of them a task has, and their defaults, are
-#: the parameters of the function that makes it.
+#: Options of all tasks, in the order of labels. The parameters of a task's maker define which of
+#: them it has, and their defaults.
 OPTIONS: dict[str, Option] = {
     "seed": Option("path_seed"),
     "step_width": Option("step_width", 1e3, "mm"),
@@ -50,7 +50,7 @@ OPTIONS: dict[str, Option] = {
 
 
 def labelled(name: str, options: Mapping[str, float | None]) -> str:
-    """The name of a task for people, with values of its options; None is as not given.
+    """Label of a task with values of its options; None counts as not given.
 
     Options that only a user's task has come last, by their names.
     """
@@ -64,7 +64,7 @@ def labelled(name: str, options: Mapping[str, float | None]) -> str:
 
 @dataclass(frozen=True)
 class Task:
-    """What an environment asks of a policy.
+    """What a policy should do in an environment.
 
     Attributes:
         name: Key in the registry of tasks.
@@ -73,10 +73,10 @@ class Task:
         duration: [s] of an episode.
         start_input: (n_inputs,), inputs of the robot (`robots.actuation`) in whose equilibrium the
             episode starts at rest: reduced ones [N], or lengths [m] pulled in.
-        options: What the task was made with, (name, value) each.
-        axes: The coordinates of the tip that the reference is about: "xz" of a planar robot, "xyz"
-            of a spatial one, or "xy" where its height follows.
-        maker: What made it, to make it again with other options.
+        options: The options of the task, (name, value) each.
+        axes: Coordinates of the tip that the reference defines: "xz" for a planar robot, "xyz" for
+            a spatial one, or "xy" if its height follows from them.
+        maker: The function that made it, to remake it with other options.
     """
 
     name: Name
@@ -112,7 +112,7 @@ class Task:
             )
 
     def option(self, name: str) -> float | None:
-        """Value of an option, None where the task has none of this name."""
+        """Value of an option, None if the task has none of this name."""
         return dict(self.options).get(name)
 
     @property
@@ -122,7 +122,7 @@ class Task:
 
     @property
     def label(self) -> str:
-        """Name for people, with the options."""
+        """Label with the options."""
         return labelled(self.name, dict(self.options))
 
 
@@ -131,7 +131,7 @@ Maker = Callable[..., Task]
 
 
 def defaults(make: Maker) -> dict[str, float]:
-    """Options of a task by name, with their values unless given."""
+    """Default values of a task's options, by name."""
     return {name: p.default for name, p in signature(make).parameters.items()}
 
 
@@ -139,7 +139,7 @@ def whole(seed: float) -> int:
     """A seed as a whole number.
 
     Raises:
-        ValueError: It is none, or negative.
+        ValueError: It is not one, or negative.
     """
     number = as_number(seed)
     if number is None or number < 0 or number != int(number):

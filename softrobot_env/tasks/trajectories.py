@@ -1,9 +1,9 @@
 """Reference trajectories of the tip: time -> position, velocity, acceleration.
 
-Every trajectory answers `position(t)`, `velocity(t)` and `acceleration(t)` for times of shape
-(n,) [s] with arrays (n, 3) [m, m/s, m/s2], is constant outside its motion, and gives the path it
-follows as points (k, 3) [m]. Where a trajectory has a kink (thesis sec. 6.6.1), velocity and
-acceleration are those just after it.
+Every trajectory returns `position(t)`, `velocity(t)` and `acceleration(t)` for times of shape (n,)
+[s] as arrays (n, 3) [m, m/s, m/s2], is constant outside its motion, and gives its path as points
+(k, 3) [m]. Where a trajectory has a kink (thesis sec. 6.6.1), velocity and acceleration are those
+just after it.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from softrobot_env.core.records import Positive, Record, check_fields
 
 @runtime_checkable
 class Trajectory(Protocol):
-    """What tasks need of a trajectory."""
+    """Interface of trajectories."""
 
     def position(self, t: ndarray) -> ndarray:
         """Position (n, 3) [m] at times (n,) [s]."""
@@ -36,7 +36,7 @@ class Trajectory(Protocol):
 
 
 class Jumping:
-    """A trajectory that stands still between jumps."""
+    """A trajectory that is constant between jumps."""
 
     def velocity(self, t: ndarray) -> ndarray:
         """Zero: a jump itself has no finite velocity."""
@@ -101,13 +101,13 @@ class Polyline:
 #: Gauss nodes on each third; the tangent turns by at most 2 rad there.
 _NODES = 8
 
-#: Parameter of an equal-force curve [1/m] up to which steps are looked for.
+#: Largest parameter of an equal-force curve [1/m] in the search for steps.
 _LARGEST = 1.7
 
 
 @dataclass(frozen=True)
 class EqualForceCurve(Record, what="equal-force curve"):
-    """Tip curve c(a) of the planar arm when its three tendon pairs pull alike (audit sec. 4).
+    """Tip curve c(a) of the planar arm when its three tendon pairs pull equally (audit sec. 4).
 
     The curvature is a * (3, 2, 1) [1/m] on the three thirds, a = F r_t / EI.
 
@@ -280,7 +280,7 @@ def cubic_step(s: ndarray) -> Derivatives:
 
 
 def quintic_step(s: ndarray) -> Derivatives:
-    """As `cubic_step`, of 10 s^3 - 15 s^4 + 6 s^5, whose second derivative vanishes at the ends."""
+    """Like `cubic_step`: 10 s^3 - 15 s^4 + 6 s^5, whose second derivative vanishes at the ends."""
     value = s**3 * (10 - 15 * s + 6 * s**2)
     return s**4 * (2.5 - 3 * s + s**2), value, 30 * s**2 * (1 - s) ** 2
 
@@ -288,10 +288,10 @@ def quintic_step(s: ndarray) -> Derivatives:
 def ramped(
     t: ndarray, duration: float, ramp: float, step: Callable[[ndarray], Derivatives]
 ) -> Derivatives:
-    """What a run from rest to rest has done [s] at times t, its rate [1] and acceleration [1/s].
+    """Progress [s] of a run from rest to rest at times t, its rate [1] and acceleration [1/s].
 
-    The rate rises from 0 to 1 in the first `ramp` [s] of the `duration` [s] by `step`, and falls so
-    in the last; the run has done `duration - ramp` in the end.
+    The rate rises from 0 to 1 in the first `ramp` [s] of the `duration` [s] by `step`, and falls
+    likewise in the last; the total progress is `duration - ramp`.
     """
     up, down = (step(np.clip(x / ramp, 0, 1)) for x in (t, duration - t))
     steady = np.clip(t, ramp, duration - ramp) - ramp

@@ -1,1 +1,1 @@
-"""How accurate and how stable the models of one robot are."""
+"""Accuracy and stability of the models of one robot."""

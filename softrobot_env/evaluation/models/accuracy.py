@@ -1,8 +1,8 @@
-"""Error against run time of the models of one robot, at rest and in a hard motion.
+"""Error against run time of the models of one robot, at rest and in a demanding motion.
 
-The chain and PCC only bend (and twist); the Cosserat rod is sheared and stretched as well. Each is
-compared with the limit of infinitely fine models of its own physics, and rows tell how far the two
-limits are from each other.
+The chain and PCC only bend (and twist); the Cosserat rod also shears and stretches. Each is
+compared with the limit of infinitely fine models of the same physics, and rows give the distance
+between the two limits.
 """
 
 from collections.abc import Callable, Iterator
@@ -34,11 +34,11 @@ from .runs import (
     unwarned,
 )
 
-#: Length [s] of the motion, full and quick, and number of poses that are compared at rest.
+#: Length [s] of the motion, full and quick, and number of poses compared at rest.
 DURATIONS, POSES = (2.0, 0.4), (8, 3)
 
-#: Pieces over the robot's own, coarse to fine, of which a quick run leaves out the last ones; and
-#: those of the limits, full and quick.
+#: Pieces over the robot's own, coarse to fine, of which a quick run omits the last ones; and those
+#: of the limits, full and quick.
 SIZES = {"mujoco_chain": (0.5, 1, 2, 4), "pcc": (1, 2, 4), "cosserat": (2, 4, 8)}
 _LIMIT_SIZES = {"bending": ((2, 4, 8), (1, 2, 4)), "shear": ((4, 8, 16), (2, 4, 8))}
 
@@ -47,7 +47,7 @@ _LIMIT_SIZES = {"bending": ((2, 4, 8), (1, 2, 4)), "shear": ((4, 8, 16), (2, 4, 
 SHARES, TIMESTEPS, TOLERANCES = (1e-2, 1e-3, 1e-4), (5e-3, 2e-3, 1e-3, 5e-4), (1e-2, 1e-3, 1e-4)
 _SHARP, _SHARP_TIMESTEP, _SHARP_TOLERANCE = 1e-5, 1e-4, 1e-6
 
-_METHOD, _THEIRS = "sdirk4", "implicitfast"  # of the beam models, and MuJoCo's
+_METHOD, _THEIRS = "sdirk4", "implicitfast"  # for the beam models, and MuJoCo's
 
 #: An integrator's name, its setting, and the options of a model that has it.
 Setting = tuple[str, float, dict[str, Any]]
@@ -60,15 +60,15 @@ class AccuracyRow:
     """A measurement; None where a field does not apply.
 
     Attributes:
-        kind: "rest", "motion", "limit" (how well it is known, or how far two are from each other)
-            or "note" (what was left out, and why).
-        model, n: By what, and its number of pieces.
+        kind: "rest", "motion", "limit" (its uncertainty, or the distance of two limits) or "note"
+            (what was omitted, and why).
+        model, n: The model and its number of pieces.
         integrator, setting: Its name, and its timestep [s], accuracy [m] or tolerance [1].
         e_mean, e_max: [m], distance of the tips from the limit.
         share: e_max over the robot's length [1].
         cost: [s], processor time of an equilibrium, or of a second of motion.
         physics: "bending" or "shear".
-        note: The limit that was compared with, or why there is no figure.
+        note: The limit used for comparison, or why there is no figure.
     """
 
     kind: str
@@ -86,7 +86,7 @@ class AccuracyRow:
 
 @dataclass(frozen=True)
 class Contestant:
-    """A model with one resolution; `build` makes it with the options of one of its settings."""
+    """A model with one resolution; `build` creates it with the options of one of its settings."""
 
     name: str
     n: int
@@ -95,7 +95,7 @@ class Contestant:
 
     @property
     def physics(self) -> str:
-        """What it converges to."""
+        """The physics it converges to."""
         return "shear" if self.name == "cosserat" else "bending"
 
 
@@ -163,13 +163,13 @@ def _sharp(config: SceneConfig, physics: str, pieces: int) -> Simulated:
     """A model whose error in time is far below that of all others."""
     if physics == "shear":
         return _beam(config, "cosserat", pieces, _SHARP_TOLERANCE)
-    if config.robot.holds:  # which our own integrator does not know
+    if config.robot.holds:  # which our own integrator does not support
         return chain(config, pieces, integrator="discrete", timestep=_SHARP_TIMESTEP)
     return chain(config, pieces, accuracy=_SHARP * config.robot.length)
 
 
 def _held(model: Simulated, poses: ndarray) -> ndarray:
-    """Those of the inputs (k, n_inputs) under which a robot comes to rest."""
+    """The inputs, out of (k, n_inputs), under which a robot comes to rest."""
     found = []
     for u in poses:
         try:
@@ -181,7 +181,7 @@ def _held(model: Simulated, poses: ndarray) -> ndarray:
 
 
 def _contestants(config: SceneConfig, quick: bool) -> tuple[list[Contestant], list[AccuracyRow]]:
-    """All models and resolutions that this robot can have, and notes on the others."""
+    """All models and resolutions that support this robot, and notes on the others."""
     length = config.robot.length
     ours = [("extrapolation", a * length, {"accuracy": a * length}) for a in SHARES]
     theirs = [(_THEIRS, h, {"timestep": h, "integrator": _THEIRS}) for h in TIMESTEPS]
@@ -206,7 +206,7 @@ def _contestants(config: SceneConfig, quick: bool) -> tuple[list[Contestant], li
 def _measured(
     kind: str, each: Contestant, limit: Limit, poses: ndarray, moved: Excitation, repeats: int
 ) -> Iterator[AccuracyRow]:
-    """A row for each setting in motion, and one at rest, where they do not matter."""
+    """A row for each setting in motion, and one at rest, where settings do not matter."""
     at_rest = kind == "rest"
     for integrator, setting, options in each.settings[-1:] if at_rest else each.settings:
         row = AccuracyRow(kind, each.name, each.n, physics=each.physics)

@@ -1,7 +1,8 @@
-"""Models of a robot in the same motion, how long they take, and what becomes of their runs.
+"""Models of a robot in the same motion: their run times, and verdicts on their runs.
 
-MuJoCo chains and beam models find rests and simulate motions by the same methods, so that one
-function serves both. Errors are taken to limits: extrapolated results of ever finer models.
+MuJoCo chains and beam models find equilibria and simulate motions by the same methods, so that one
+function serves both. Errors are relative to limits: extrapolated results of increasingly fine
+models.
 """
 
 import warnings
@@ -29,7 +30,7 @@ from softrobot_env.scene.timestep import TimestepWarning
 #: Share of the length beyond which a run is wrong.
 WRONG_SHARE = 0.05
 
-#: A run joins a model's best ones if its error is smaller by at least this factor.
+#: A run joins a model's front if its error is smaller by at least this factor.
 _GAIN = 0.85
 
 #: Longest time [s] spent on the repeats of one measurement.
@@ -47,7 +48,7 @@ class Limit:
     Attributes:
         tips: (k, d) [m] at instants, or (d,) of an equilibrium.
         uncertainty: [m], distance between its two best estimates.
-        text: How it was made.
+        text: How it was computed.
     """
 
     tips: ndarray
@@ -70,8 +71,8 @@ def converged(found: Mapping[int, ndarray], order: int) -> ndarray:
 def extrapolate(solve: Callable[[int], ndarray], sizes: Sequence[int], text: str) -> Limit:
     """Limit of infinitely many pieces, for an error series in 1 / n^2.
 
-    Its distance to the last estimate without the coarsest one is
-    the uncertainty, which belongs to the worse of the two.
+    The uncertainty is its distance to the last estimate without the coarsest result, and belongs to
+    the worse of the two.
     """
     found = {n: solve(n) for n in sizes}
     best = converged(found, 2)
@@ -86,10 +87,10 @@ def extrapolate(solve: Callable[[int], ndarray], sizes: Sequence[int], text: str
 def best_of(
     action: Callable[[], Any], repeats: int, clock: Callable[[], float] = perf_counter
 ) -> tuple[float, Any]:
-    """Shortest time [s] of some repetitions, fewer if they take long, and the last result.
+    """Shortest time [s] of several repetitions, fewer if they take long, and the last result.
 
-    By `time.process_time` as a clock it is the computing time of all threads, which does not grow
-    with what else runs on the machine.
+    With `time.process_time` as the clock it is the computing time of all threads, independent of
+    the machine's other load.
     """
     best, spent, result = np.inf, 0.0, None
     for _ in range(repeats):
@@ -103,7 +104,7 @@ def best_of(
 
 
 def front(rows: Iterable[Any], error: str = "e_mean", cost: str = "wall_time") -> list[Any]:
-    """Rows that no cheaper one beats in an error, by a margin, cheapest first."""
+    """Rows whose error no cheaper one reaches, by a margin, cheapest first."""
     out: list[Any] = []
     for row in sorted(rows, key=lambda row: (getattr(row, cost), getattr(row, error))):
         if not out or getattr(row, error) < _GAIN * getattr(out[-1], error):
@@ -111,15 +112,15 @@ def front(rows: Iterable[Any], error: str = "e_mean", cost: str = "wall_time") -
     return out
 
 
-# ---------------------------------------------------------------- what becomes of a run
+# ---------------------------------------------------------------- verdicts
 
 
 class Verdict(StrEnum):
-    """What becomes of a run.
+    """Verdict on a run.
 
-    Accurate: within the accuracy asked for. Reported: refused or failed, and said so. Warned: less
-    accurate, with a `TimestepWarning`. Inaccurate: less accurate without a word, but within
-    `WRONG_SHARE` of the length. Wrong: farther off without a word. Unjudged: refined runs do not
+    Accurate: within the requested accuracy. Reported: refused or failed with a message. Warned:
+    less accurate, with a `TimestepWarning`. Inaccurate: less accurate without a warning, but within
+    `WRONG_SHARE` of the length. Wrong: farther off without a warning. Unjudged: refined runs do not
     agree, or cost too much.
     """
 
@@ -134,14 +135,14 @@ class Verdict(StrEnum):
 def verdict_of(
     error: float | None, asked: float, length: float, *, failure: str | None, warning: str | None
 ) -> Verdict:
-    """What becomes of a run.
+    """The verdict on a run.
 
     Args:
-        error: [m], largest distance from the truth; None if there is none that is known well.
-        asked: [m], the accuracy asked for.
+        error: [m], largest distance from the truth; None if that is not known well enough.
+        asked: [m], the requested accuracy.
         length: [m] of the robot.
         failure: Why the run failed or was refused, or None.
-        warning: What a `TimestepWarning` said, or None.
+        warning: Text of a `TimestepWarning`, or None.
     """
     if failure is not None:
         return Verdict.REPORTED
@@ -151,12 +152,12 @@ def verdict_of(
         return Verdict.ACCURATE
     if warning is not None:
         return Verdict.WARNED
-    # Not: beyond it, as a tip that is not a number is wrong too.
+    # Not `>`: a NaN is wrong too.
     return Verdict.INACCURATE if error <= WRONG_SHARE * length else Verdict.WRONG
 
 
 def with_warning(run: Callable[[], Result]) -> tuple[Result, str | None]:
-    """What a function returns, and what the first `TimestepWarning` in it said, or None."""
+    """The result of a function, and the text of its first `TimestepWarning`, or None."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", TimestepWarning)
         result = run()
@@ -177,7 +178,7 @@ def silent_warnings() -> Iterator[None]:
 
 @contextmanager
 def unwarned() -> Iterator[None]:
-    """No warnings of steps either, where errors are measured anyway."""
+    """Suppress warnings about steps as well, where errors are measured anyway."""
     with silent_warnings(), warnings.catch_warnings():
         warnings.simplefilter("ignore", TimestepWarning)
         yield
@@ -188,11 +189,11 @@ def unwarned() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Excitation:
-    """What the drives of a robot do: random steps, each held for a while.
+    """Motion of a robot's drives: random steps, each held for a while.
 
     Attributes:
         rest: Controls (n_inputs,) of the start: tensions [N], or lengths pulled in [m].
-        controls: (periods, n_inputs), a row a control period.
+        controls: (periods, n_inputs), one row per control period.
         period: [s].
     """
 
@@ -235,7 +236,7 @@ class Simulated:
 
     Attributes:
         model: A chain or a beam model.
-        robot: The robot itself; a beam model's has sections in place of a head.
+        robot: The robot itself; for a beam model, with sections instead of a head.
         options: Of `BeamModel.simulate`.
     """
 
@@ -255,12 +256,12 @@ class Simulated:
         """Tips (k, 3) [m] at rest under inputs (k, n_inputs).
 
         Raises:
-            EquilibriumError: There is none, or none that is stable.
+            EquilibriumError: There is no equilibrium, or no stable one.
         """
         return self.tips(np.array([self.model.equilibrium(u) for u in inputs]))
 
     def start(self, u: ndarray) -> State:
-        """At rest under inputs (n_inputs,); straight where there is no stable equilibrium."""
+        """State at rest under inputs (n_inputs,); straight if there is no stable equilibrium."""
         start = self.model.start()
         try:
             return State(self.model.equilibrium(u), start.v)
@@ -282,15 +283,15 @@ class Simulated:
 
 
 def beam_of(config: SceneConfig, name: str, pieces: int) -> BeamModel:
-    """A beam model of a scene's robot that bends and is driven as it does.
+    """A beam model of a scene's robot, with the same bending and drives.
 
     Raises:
-        ValueError: The model lacks what the robot has, or cannot have so many pieces.
+        ValueError: The model does not support something that the robot has, or so many pieces.
     """
     if config.robot.has_friction:
         raise ValueError("beam models have no friction of tendons or backbone")
     plant = BeamPlant(name, pieces)
     options = {"bending": config.bending, "torsion": config.torsion}
     stepped = plant(config.robot, axes=slice(0, 3), actuation=config.actuation, **options)
-    stepped.model.warns = False  # what it errs by is what is measured
+    stepped.model.warns = False  # its error is measured here
     return stepped.model

@@ -1,9 +1,9 @@
-"""Which settings of one robot's chain run stably and accurately, and whether the others say so.
+"""Which settings of a robot's chain run stably and accurately, and whether the others warn.
 
-The robot is stiffened and damped, cut into more and fewer pieces and driven harder; each of these
-runs with the integrator and timestep that the package chooses by itself, and as `mj_step` would
-advance its compiled model, by the rule of `scene.timestep`. The first ones also run with all that a
-user may ask for. Every run is compared with refined ones of the same chain.
+Stiffness, damping, number of pieces and drive amplitude of the robot are varied; each variant runs
+with the integrator and timestep chosen by the package, and as `mj_step` would advance its compiled
+model, by the rule of `scene.timestep`. The first ones also run with every setting that a user may
+request. Every run is compared with refined ones of the same chain.
 """
 
 from collections.abc import Iterable, Iterator
@@ -37,8 +37,8 @@ from .runs import (
 #: Length [s] of a motion, full and quick.
 DURATIONS = (1.0, 0.3)
 
-#: Factors of Young's modulus and of the damping time; integrators and timesteps [s]. Then those of
-#: a quick run.
+#: Factors of Young's modulus and of the damping time; integrators and timesteps [s]. Then the
+#: values of a quick run.
 MAP = (0.01, 0.1, 1.0, 10.0, 100.0), (0.0, 0.1, 1.0, 10.0)
 ASKED = INTEGRATORS, (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
 QUICK_MAP, QUICK_ASKED = ((0.1, 1.0, 10.0), (0.1, 1.0)), (INTEGRATORS[:3], (1e-3, 5e-3))
@@ -46,9 +46,9 @@ QUICK_MAP, QUICK_ASKED = ((0.1, 1.0, 10.0), (0.1, 1.0)), (INTEGRATORS[:3], (1e-3
 #: Factors of the robot's pieces, and shares of the drives' range.
 PIECES, AMPLITUDES, AMPLITUDE = (0.5, 2.0, 4.0), (0.25, 1.0), 0.5
 
-#: Accuracies of the refined runs over what is asked for, and timesteps [s] where our own
-#: integrator does not know the robot's friction. They judge where they differ by less than these
-#: shares of what is asked for, or of the error.
+#: Accuracies of the refined runs over the requested one, and timesteps [s] if our own integrator
+#: does not support the robot's friction. They are used as truth if they differ by less than these
+#: shares of the requested accuracy, or of the error.
 _FINER, _FINE_TIMESTEPS = (1 / 8, 1 / 32), (2e-4, 5e-5)
 _TRUSTED, _CLEARLY_WRONG = 0.25, 0.1
 
@@ -58,15 +58,15 @@ class StabilityRow:
     """A run.
 
     Attributes:
-        case: "own" where the package chose integrator and timestep by itself, "rule" where it did
-            so for `mj_step`, "map" of all else.
+        case: "own" if the package chose integrator and timestep, "rule" if it did so for `mj_step`,
+            "map" for all others.
         stiffness_scale, damping_scale: Factors of Young's modulus and of the damping time [1].
         pieces, amplitude: Of the chain, and the share of the drives' range [1].
         integrator, timestep: Its name, and its (longest) step [s].
-        verdict: What became of it.
-        why: What failed, was warned of, or keeps the run from being judged.
+        verdict: See `runs.Verdict`.
+        why: The failure, the warning, or why the run could not be judged.
         error, share: [m], largest distance of the tip from the refined run, and over the length.
-        asked: [m], the accuracy asked for.
+        asked: [m], the requested accuracy.
         uncertainty: [m], distance of two refined runs; None where one failed.
         cost: [s], processor time of a second of motion.
     """
@@ -89,7 +89,7 @@ class StabilityRow:
 
 @dataclass(frozen=True)
 class Variation:
-    """What differs from the robot itself; fields as those of `StabilityRow`."""
+    """Differences from the robot itself; fields as in `StabilityRow`."""
 
     stiffness_scale: float = 1.0
     damping_scale: float = 1.0
@@ -97,7 +97,7 @@ class Variation:
     amplitude: float = AMPLITUDE
 
     def scene(self, robot: RobotParams) -> SceneConfig:
-        """The varied robot's scene; what pulls by tension pulls as much harder as it is stiffer."""
+        """The varied robot's scene; tensions are scaled with the stiffness."""
         if self.stiffness_scale != 1 or self.damping_scale != 1:
             scales = {"youngs_modulus": self.stiffness_scale, "damping_time": self.damping_scale}
             robot = robot.vary(**scales)
@@ -111,7 +111,7 @@ class Variation:
 def measure(
     robot: RobotParams, quick: bool = False, progress: ProgressCallback = quiet
 ) -> list[StabilityRow]:
-    """What becomes of the runs of a robot; arguments as those of `accuracy.measure`."""
+    """Rows of the runs of a robot; arguments as in `accuracy.measure`."""
     mapped = [Variation(*scales) for scales in product(*(QUICK_MAP if quick else MAP))]
     pieces = dict.fromkeys(max(1, round(factor * robot.pieces)) for factor in PIECES)
     others = [Variation(pieces=n) for n in pieces] + [Variation(amplitude=a) for a in AMPLITUDES]
@@ -131,7 +131,7 @@ def _runs(
     asked: Iterable[tuple[str, float]],
     duration: float,
 ) -> Iterator[StabilityRow]:
-    """Runs of a varied robot, all judged by the same refined ones."""
+    """Runs of a varied robot, all compared with the same refined ones."""
     config = varied.scene(robot)
     try:
         base = build_scene(replace(config, integrator="discrete", timestep=config.control_period))
@@ -153,7 +153,7 @@ def _rule(config: SceneConfig) -> str:
 
 
 def _truth(config: SceneConfig, moved: Excitation) -> Limit | None:
-    """The finer of two refined runs, and how far they are from each other; None if one failed."""
+    """The finer of two refined runs, and their distance; None if one failed."""
     finer = [{"accuracy": share * config.wanted_accuracy} for share in _FINER]
     if config.robot.holds:
         finer = [{"integrator": "discrete", "timestep": h} for h in _FINE_TIMESTEPS]
@@ -172,7 +172,7 @@ def _run(
     moved: Excitation,
     truth: Limit | None,
 ) -> StabilityRow:
-    """One run as a user would make it."""
+    """One run with a user's settings."""
     given = {"integrator": integrator, "timestep": config.timestep}
     try:
         config = replace(config, integrator=integrator)
@@ -197,7 +197,7 @@ def _row(
     warning: str | None = None,
     **given: Any,
 ) -> StabilityRow:
-    """The row of a run that is judged here."""
+    """The row of a run, with its verdict."""
     robot, asked, error = config.robot, config.wanted_accuracy, None
     if tips is not None and truth is not None:
         error = distance(tips, truth.tips)
