@@ -1,1 +1,1 @@
-"""From measurements of a rig to what its controllers know of it."""
+"""Identification of a robot's parameters from measurements."""

@@ -1,10 +1,10 @@
 """Motions that excite a robot for an identification, within limits of tension, speed and reach.
 
-Every tendon in turn is what bends the robot: of a robot driven by length it is pulled in, and the
-others let out or in what a uniform bend towards it takes, so that they neither slacken nor tear; of
-one driven by tension each input is raised to both sides. How far is found by the statics of the
-nominal robot, which has to keep within the limits. A rig also visits points all over its workspace,
-to which its statics bring it, see `visits`.
+Each tendon in turn bends the robot. If it is driven by length, the tendon is pulled in, and the
+others are let out or in as a uniform bend towards it requires, so that they neither slacken nor
+tear; if it is driven by tension, each input is raised to both sides. The statics of the nominal
+robot determine how far it can go within the limits. A rig also visits points throughout its
+workspace, found by its statics, see `visits`.
 """
 
 from collections.abc import Callable
@@ -41,41 +41,42 @@ _FASTEST = 0.8  # of the drive's speed
 _SINES = 8  # of each direction of a random motion
 _SPANS = 200  # of an integral along a tendon
 _HALVINGS = 7
-_ROOM = 1.25  # times the limits, where a run is stopped
+_ROOM = 1.25  # times the limits, at which a run is stopped
 _SHOWN = 50  # steps between two reports of progress
 _MEASURED = 0.2  # s at the end of a rest, over which a static row is averaged
 
 _DITHER, _DITHER_TIME, _DITHER_FREQUENCY = 0.02, 0.96, 5.0  # of full scale, s, Hz
 
-_GOING, _STAYING = 1.2, 0.8  # s, of a visit; a rig sways at 1.6 Hz, a fifth of critically damped
+_GOING, _STAYING = 1.2, 0.8  # s, of a visit; a rig oscillates at 1.6 Hz with a damping ratio of 0.2
 
 _Share = Annotated[float, Range("in (0, 1]", lambda x: 0 < x <= 1)]
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """How a robot is excited.
+    """Settings of an excitation.
 
     Attributes:
         kinds: In this order: "pulls" of one tendon after the other, slowly up and down in levels
-            with a rest at each; "steps", dithered and released at once from a pull, which decay;
-            "random" smooth motion in all directions at once; and, of a rig alone, "visits" of
-            points all over its workspace, in random order, with a constant sum of tensions:
-            networks of such data err by half as much as with the least tensions, whose kinks they
-            round off.
-        amplitude: Of full scale, at most, but for visits; less where a limit is met. Before steps,
-            lengths are dithered by 0.02 more.
-        speed: [1/s], of full scale, at most, but for visits; and 0.8 of what the drives can do.
-            Friction and backlash are seen best where a robot does not sway before it rests.
+            with a rest at each; "steps", decays after a dithered pull is released at once; "random"
+            smooth motion in all directions at once; and, for a rig only, "visits" of points
+            throughout its workspace, in random order, with a constant sum of tensions: networks
+            trained on such data have half the error of those with the least tensions, whose kinks
+            they smooth out.
+        amplitude: Largest share of full scale, except for visits; less where a limit is reached.
+            Before steps, lengths are dithered by another 0.02.
+        speed: [1/s], largest share of full scale per second, except for visits; at most 0.8 of the
+            drives' speed. Friction and backlash are identified best if the robot does not oscillate
+            before it rests.
         levels: Of a pull.
         rest: [s] at each level, and at least between motions.
         decay: [s] after a release.
         duration: [s] of the random motion.
-        bandwidth: [Hz] of the random motion, at most; less where it would be too fast.
-        points: That are visited; the thesis has 926.
+        bandwidth: [Hz], largest frequency of the random motion; less if it would be too fast.
+        points: Number of visited points; the thesis has 926.
         seed: Of the random motion and the order of visits.
         tension: Largest tension, over the tendons' limits.
-        radius: [m], largest distance of the tip from where it rests; inf unless given.
+        radius: [m], largest distance of the tip from its rest; by default inf.
     """
 
     kinds: tuple[Kind, ...] = ("pulls", "random")
@@ -99,13 +100,13 @@ class Excitation:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a robot is commanded.
+    """Commands of an excitation.
 
     Attributes:
         actions: (t, n_inputs), each for a control period.
         labels: (t,) str, the pattern.
-        measured: (t,) number of the rest at whose end the robot is still, or -1.
-        scales: (d,) share of full scale that each direction reaches.
+        measured: (t,) index of the rest at whose end the robot is still, or -1.
+        scales: (d,) share of full scale reached in each direction.
         period: [s].
     """
 
@@ -125,13 +126,13 @@ def plan(robot: RobotParams, excitation: Excitation, period: float) -> Plan:
     """The actions of an excitation, from rest to rest.
 
     Args:
-        robot: The robot as it is believed to be.
+        robot: The nominal robot.
         excitation: What to do.
         period: [s], control period.
 
     Raises:
-        ValueError: It has no inputs, takes longer than an episode can, or any motion breaks a
-            limit.
+        ValueError: The robot has no inputs, the plan exceeds the longest episode, or every motion
+            violates a limit.
     """
     inputs = robot_inputs(robot)
     ways = directions(robot)
@@ -172,7 +173,7 @@ def directions(robot: RobotParams) -> dict[str, ndarray]:
 
 
 def _bend_towards(robot: RobotParams, tendon: int) -> ndarray:
-    """Lengths (n_tendons,), of any scale, of a uniform bend towards one up to its end."""
+    """Unscaled lengths (n_tendons,) for a uniform bend towards a tendon, up to its end."""
     pulled = robot.tendons[tendon]
     s = (np.arange(_SPANS) + 0.5) * pulled.end / _SPANS
     towards = pulled.at(s)
@@ -181,10 +182,10 @@ def _bend_towards(robot: RobotParams, tendon: int) -> ndarray:
 
 
 def safe_scales(robot: RobotParams, ways: list[ndarray], limits: Excitation) -> ndarray:
-    """Shares (d,) of ways (n_inputs,) that keep a robot at rest within limits.
+    """Largest shares (d,) of inputs (n_inputs,) that keep a robot at rest within limits.
 
     Raises:
-        ValueError: One of them is not safe at all.
+        ValueError: One of them is not safe at any scale.
     """
     safe = _judge(robot, limits)
     scales = [_largest(partial(safe, way), limits.amplitude) for way in ways]
@@ -239,7 +240,7 @@ def _largest(holds: Callable[[float], bool], most: float) -> float:
 
 
 class _Moves:
-    """Inputs (n_inputs,) that go on from where they are, at a speed [1/s] of full scale."""
+    """A sequence of inputs (n_inputs,) with limited speed [1/s] of full scale."""
 
     def __init__(self, robot: RobotParams, speed: float, period: float) -> None:
         self.robot, self.scale, self.period = robot, robot_inputs(robot).input_scale, period
@@ -250,7 +251,7 @@ class _Moves:
         self._rests = 0
 
     def go(self, there: ndarray, label: str, time: float | None = None) -> None:
-        """Move smoothly, in a time [s] if given and the drives can; or jump, in none."""
+        """Move smoothly, in a given time [s] if the drives allow it; or jump, in zero time."""
         way = _PEAK * float(np.max(np.abs(there - self.here) / self.scale))
         lasts = way / self.speed if time is None else max(time, way / self._fastest if time else 0)
         steps = max(1, ceil(lasts / self.period - 1e-9))
@@ -264,10 +265,10 @@ class _Moves:
         self._parts.append((rows, label, -1))
 
     def dither(self, label: str) -> None:
-        """Swing all drives that pull lengths in at once, less and less.
+        """Oscillate all length drives together, with decreasing amplitude.
 
         It hardly bends the robot, but brings drives to the middle of their backlash and tendons to
-        that of their friction, from whichever side they came.
+        the middle of their friction, from either side.
         """
         if self.robot.drive.kind != "length":
             return
@@ -323,7 +324,7 @@ def _random(moves: _Moves, peaks: dict[str, ndarray], excitation: Excitation) ->
 
     def motion(bandwidth: float) -> ndarray:
         turns = 2 * np.pi * bandwidth * np.multiply.outer(time, frequency) + phase
-        shares = np.maximum(np.sin(turns).sum(axis=1), 0.0)  # a tendon pulls, or another does
+        shares = np.maximum(np.sin(turns).sum(axis=1), 0.0)  # one tendon pulls, or its antagonist
         most = shares.sum(axis=1).max()
         if not most:
             raise ValueError(
@@ -343,7 +344,7 @@ def _random(moves: _Moves, peaks: dict[str, ndarray], excitation: Excitation) ->
 
 
 def _visits(moves: _Moves, peaks: dict[str, ndarray], excitation: Excitation) -> None:
-    """As `visits.collect` says why, in random order."""
+    """Points in random order, for the reasons given in `visits.collect`."""
     points = disk_points(excitation.points, min(RADIUS, excitation.radius))
     order = np.random.default_rng(excitation.seed).permutation(points)
     for lengths in nominal_lengths(moves.robot, order, TOTAL):
@@ -362,13 +363,12 @@ _KINDS: dict[str, Callable[[_Moves, dict[str, ndarray], Excitation], None]] = {
 
 
 def resting_task(robot: RobotParams, duration: float, axes: str | None = None) -> Task:
-    """A task with nothing to follow, from rest under inputs of zero.
+    """A task without a reference motion, from rest under zero inputs.
 
     Args:
         robot: Its robot.
         duration: [s].
-        axes: Coordinates of the tip that are seen; x and z of a planar robot, else all, unless
-            given.
+        axes: Measured coordinates of the tip; by default x and z for a planar robot, else all.
     """
     chosen = axes or ("xz" if robot.moves_in_xz else "xyz")
     zero = (0.0,) * robot_inputs(robot).n_inputs
@@ -384,17 +384,17 @@ def excite(
     options: dict[str, Any] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> str | None:
-    """Drive an environment through a plan; stop where a limit is passed by a quarter.
+    """Drive an environment through a plan; stop if a limit is exceeded by a quarter.
 
     Args:
-        env: Environment, usually a `RecordEpisodes`, whose `label` is kept.
-        plan: What to command.
-        limits: Of tension and radius, see `Excitation`.
-        seed, options: Of the reset.
-        progress: Called with the number of steps from time to time.
+        env: Environment, usually a `RecordEpisodes`, whose `label` is updated.
+            plan: The commands.
+            limits: Of tension and radius, see `Excitation`.
+            seed, options: Of the reset.
+            progress: Called occasionally with the number of steps.
 
-    Returns:
-        Why it ended too early, or None.
+        Returns:
+            Why it ended early, or None.
     """
     env.label = str(plan.labels[0])
     observation, _ = env.reset(seed=seed, options=options)
@@ -409,13 +409,13 @@ def excite(
             return f"after {(k + 1) * plan.period:.2f} s: {reason}"
         if progress is not None and k % _SHOWN == 0:
             progress(k + 1)
-        if terminated or truncated:  # in real time a late machine leaves periods out
+        if terminated or truncated:  # in real time a slow machine skips periods
             break
     return None
 
 
 def _beyond(far: float, tension: ndarray, most: ndarray, limits: Excitation) -> str | None:
-    """Why a robot is too far or pulls too hard, or None; tensions that are not known are NaN."""
+    """Why a robot is too far out or pulls too hard, or None; unknown tensions are NaN."""
     if far > _ROOM * limits.radius:
         return f"the tip is {1e3 * far:.4g} mm from where it rested"
     hard = np.flatnonzero(np.asarray(tension) > min(_ROOM * limits.tension, 1.0) * most)
@@ -426,14 +426,14 @@ def _beyond(far: float, tension: ndarray, most: ndarray, limits: Excitation) -> 
 
 
 def at_rests(recording: Recording, plan: Plan) -> tuple[Recording, float]:
-    """The static recording of a run: a row for each rest, markers averaged over its end.
+    """The static recording of a run: one row for each rest, with markers averaged over its end.
 
     Args:
-        recording: Of one run of the plan: its start and a row for each action, maybe fewer.
-        plan: What was commanded.
+        recording: Of one run of the plan: its start and at most one row for each action.
+        plan: The commands.
 
     Returns:
-        The recording, and how far [m] a marker still moved at the end of a rest, noise included.
+        The recording, and the largest motion [m] of a marker at the end of a rest, noise included.
 
     Raises:
         ValueError: The robot never rested.

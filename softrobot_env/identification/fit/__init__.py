@@ -1,1 +1,1 @@
-"""A robot identified from a recording: what is unknown, found, and how well it is known."""
+"""Identification of a robot from a recording: unknowns, fits and their uncertainty."""

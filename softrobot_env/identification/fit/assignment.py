@@ -1,9 +1,10 @@
-"""Which column of a recording pulls which tendon, to which side, and how the frame is turned.
+"""Which column of a recording pulls which tendon, with which sign, and the frame's rotation.
 
-A combinatorial search over the simulated robot as its file says: for an assignment, the turn about
-the robot's axis and the shift that fit best follow in closed form, and what is left judges it.
-Begun at every turn with the assignment that fits how the markers move when columns change; from the
-best of them columns change places until nothing helps.
+A combinatorial search with the simulated robot of the file: for an assignment, the best rotation
+about the robot's axis and the best shift follow in closed form, and the remaining error is its
+score. The search starts, for each of several rotations, with the assignment that best explains how
+the markers move when columns change; from the best of these, columns are swapped until nothing
+improves.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -24,32 +25,32 @@ from softrobot_env.robots import RobotParams
 from .model import StaticModel, rotation, turn_vector
 
 _TURNS = 12  # about the axis, tried at first
-_KEPT = 3  # assignments that are improved
+_KEPT = 3  # assignments that are refined
 _ROWS = 160
 _SWEEPS = 4
 _PIECES = 3
-_CLEARLY = 0.8  # of the error that a change of what the header says has to leave at most
-_OUTLIERS = 0.1  # share of the markers that do not count for a frame
+_CLEARLY = 0.8  # largest remaining error, relative, for a change of the header's assignment
+_OUTLIERS = 0.1  # share of the markers ignored in fitting a frame
 
 #: An assignment: the tendon of each column, and the sign of each.
 _Case = tuple[tuple[int, ...], tuple[float, ...]]
 
 _TOGETHER = 4  # simulated in one job
 
-#: Called with how many assignments have been simulated.
+#: Called with the number of simulated assignments.
 ProgressCallback = Callable[[int], None]
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """What was found.
+    """Result of the search.
 
     Attributes:
         tendons: The robot's tendon of each column.
-        signs: Of each column: -1 where it counts what is let out.
-        turn: [rad] of the recording about the robot's axis.
-        rms: [m] of what is left, the turn and a shift apart, for the robot as its file says.
-        second: [m], of the best other assignment that was tried.
+        signs: Of each column: -1 if it counts length let out.
+        turn: [rad], rotation of the recording about the robot's axis.
+        rms: [m], remaining error after rotation and shift, for the robot of the file.
+        second: [m], of the best other assignment tried.
         tried: Number of assignments simulated.
     """
 
@@ -68,16 +69,16 @@ def assigned(
     *,
     any_way: bool = False,
 ) -> Assignment:
-    """Find the assignment; in processes if they were chosen by `processes.using`.
+    """Find the assignment; in parallel processes if chosen by `processes.using`.
 
     Args:
         recording: With as many columns of lengths or tensions as the robot has tendons.
-        robot: As its file says.
-        show: Called from time to time.
-        any_way: Whether the recording may be turned in any way, not about the axis alone.
+        robot: The robot of the file.
+        show: Called occasionally.
+        any_way: Whether the recording may have any orientation, not only a rotation about the axis.
 
     Raises:
-        ValueError: Columns and tendons are not equally many, or a marker's x, y or z was not
+        ValueError: The numbers of columns and tendons differ, or a marker's x, y or z was not
             measured.
     """
     names = robot.tendon_names
@@ -97,10 +98,10 @@ def assigned(
 
 
 def sided(recording: Recording, robot: RobotParams, *, any_way: bool = False) -> tuple[float, ...]:
-    """Signs of the columns whose tendons are known: -1 where one counts what is let out.
+    """Signs of columns with known tendons: -1 if a column counts length let out.
 
-    A column has another sign than the rest where that leaves far less, for the robot as its file
-    says. Arguments as of `assigned`.
+    A column gets another sign than the rest if that leaves a far smaller error, for the robot of
+    the file. Arguments as in `assigned`.
     """
     names = robot.tendon_names
     known = recording.tendons or recording.header.commands.columns
@@ -109,13 +110,13 @@ def sided(recording: Recording, robot: RobotParams, *, any_way: bool = False) ->
 
 
 def doubted(recording: Recording, robot: RobotParams) -> str | None:
-    """What leaves far less than what the header says of a column, in a line; None if nothing does.
+    """A doubt about the header, if another choice for a column fits far better; else None.
 
-    Tried are another sign or tendon of a column, and one that pulls nothing.
+    It tries another sign or tendon for a column, and a column without effect.
 
     Args:
-        recording: Of known tendons, in the frame that was found.
-        robot: That was found.
+        recording: With known tendons, in the identified frame.
+        robot: The identified robot.
     """
     names, columns = robot.tendon_names, recording.header.commands.columns
     order = tuple(names.index(name) for name in recording.tendons or columns)
@@ -134,7 +135,7 @@ def doubted(recording: Recording, robot: RobotParams) -> str | None:
 
 
 def with_tendons(recording: Recording, found: Assignment) -> Recording:
-    """The recording with what was found in its header; its numbers are those of the columns."""
+    """The recording with the assignment in its header; its numbers are unchanged."""
     commands = replace(recording.header.commands, tendons=found.tendons)
     return with_signs(recording.with_header(commands=commands), found.signs)
 

@@ -1,10 +1,10 @@
-"""Damping, delay and friction of a robot that was recorded in motion, by the MuJoCo chain.
+"""Damping, delay and friction of a robot recorded in motion, by the MuJoCo chain.
 
-The chain is given the recording's commands from rest, as a replay does; damping of the backbone,
-delay of the markers and friction of the tendons are changed until its markers move as the recorded
-ones. Errors at rest are the business of the statics: of each window the mean error of each marker
-is left out. Friction is of both: where a robot sways before it rests, part of the friction is gone
-by then, and the statics find too little.
+The chain gets the recording's commands from rest, as in a replay; damping of the backbone, delay of
+the markers and friction of the tendons are changed until its markers move like the recorded ones.
+Errors at rest belong to the statics: the mean error of each marker in each window is removed.
+Friction concerns both: if a robot oscillates before it rests, part of the friction is lost, and the
+statics underestimate it.
 """
 
 from collections.abc import Callable
@@ -39,18 +39,19 @@ _MODULUS, _FRICTION = 2, 3
 
 @dataclass(frozen=True)
 class Dynamics:
-    """What was found.
+    """Identified dynamics.
 
     Attributes:
-        robot: With its damping, and with its friction in motion if that was to be found.
+        robot: With its damping, and with its friction in motion if that was identified.
         delay: [s] of the markers.
         values: (2,) logarithm of the damping's factor, and delay [s].
         deviation: (2,) standard deviations.
         prior: (2,) those of the prior.
-        by_friction: (2,) how values change with the logarithm of the friction, the rest fitted.
-        modulus, friction: Logarithms of Young's modulus and of friction in motion over those of
-            the statics, and their standard deviations; zeros where there is no friction to find.
-        before, after: RMS [m] of the markers' errors in the windows, their means left out.
+        by_friction: (2,) derivative of the values by the logarithm of the friction, with the rest
+            fitted.
+        modulus, friction: Logarithms of Young's modulus and of friction in motion over those of the
+            statics, and their standard deviations; zeros if no friction is identified.
+        before, after: RMS [m] of the markers' errors in the windows, without their means.
         duration: [s] of the windows.
     """
 
@@ -81,15 +82,15 @@ def dynamics_of(
         robot: With its statics identified.
         recording: In motion, in its identified frame.
         modulus: Standard deviation of the logarithm of Young's modulus, as the statics left it. It
-            may change with damping and delay, so that these are as uncertain as that makes them,
-            but the robot of the result has what it had.
-        friction: Likewise of the tendons' friction in common, which is found anew; None where it is
-            known, which then stays as it is.
-        begin: (2,) logarithm of the damping's factor, and delay [s], where the search begins.
+            is fitted along with damping and delay, whose uncertainty includes it, but the resulting
+            robot keeps its value.
+        friction: Likewise for the tendons' common friction, which is identified again; None if it
+            is known and stays unchanged.
+        begin: (2,) logarithm of the damping's factor, and delay [s], at the start of the search.
         show: Called with each step and its RMS [m].
 
     Raises:
-        ValueError: The robot has no damping to begin with, or the simulation fails everywhere.
+        ValueError: The robot has no initial damping, or the simulation fails everywhere.
     """
     if not all(s.damping_time > 0 for s in robot.backbone.sections):
         raise ValueError(

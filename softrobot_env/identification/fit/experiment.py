@@ -1,8 +1,8 @@
-"""Which commands would show most of what is known least.
+"""Which commands would be most informative about the least known parameters.
 
-Candidates are single pulls of each tendon, the others held or let out, and the robot lying or
-hanging where gravity matters. Each is simulated with what was found; with its slopes the spread of
-the least known parameters follows before anything is measured.
+Candidates are single pulls of each tendon, with the others held or let out, and the robot lying or
+hanging if gravity matters. Each is simulated with the identified robot; its derivatives predict the
+spread of the least known parameters before anything is measured.
 """
 
 from dataclasses import dataclass, replace
@@ -15,18 +15,18 @@ from .least_squares import Fit
 from .model import StaticModel
 
 _LEVELS = 8
-_ASKED = 5  # parameters that are known least
+_ASKED = 5  # least known parameters
 _REPORTED = 5  # experiments
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Commands that would show more.
+    """Commands of an informative experiment.
 
     Attributes:
-        name: What to do.
-        gain: [1], sum over the least known parameters of the share by which variances fall.
-        parameter: Which of them gains most.
+        name: Description.
+        gain: [1], sum of the relative decrease of variance over the least known parameters.
+        parameter: The one that gains most.
         before, after: Its standard deviation, without and with the experiment.
         commands: (t, n) in SI units, in the recording's columns.
     """
@@ -40,7 +40,7 @@ class Experiment:
 
 
 def best_experiments(model: StaticModel, fit: Fit) -> list[Experiment]:
-    """The best of some experiments, the most telling first; none where nothing is free."""
+    """The most informative experiments, best first; none if no parameter is free."""
     spread = model.unknowns.spread
     free = np.flatnonzero(fit.free)
     asked = free[np.argsort(-(fit.deviation[free] / spread[free]))[:_ASKED]]

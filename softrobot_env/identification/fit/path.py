@@ -1,4 +1,4 @@
-"""The path from a recording to a robot: stages, one after the other, and what they leave open."""
+"""The stages from a recording to a robot, and doubts about the result."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -46,25 +46,25 @@ _STARTS = (-0.7, 0.7)  # further ones, of the logarithm of the stiffness
 
 @dataclass(frozen=True)
 class Identification:
-    """What a recording shows of a robot.
+    """Result of an identification.
 
     Attributes:
-        robot: With what was found.
-        header: Of the recording, with what was found.
-        believed: The robot as its file said.
-        recording: At rest, with known tendons, in the frame it was given in.
-        stages: That were run.
+        robot: The identified robot.
+        header: Of the recording, with identified values.
+        believed: The robot of the file.
+        recording: At rest, with known tendons, in its given frame.
+        stages: The stages run.
         unknowns: The parameters.
         fit: Of the statics.
-        assignment: Of columns to tendons; None where it was known.
-        validation: None without.
-        prediction: Of recordings that it has not seen, by the validation; None without.
-        residual: The correction; None without, or where none helps.
-        dynamics: None of a recording at rest.
-        experiments: What would show more, best first.
+        assignment: Of columns to tendons; None if it was known.
+        validation: Cross-validation, or None.
+        prediction: Intervals for unseen recordings, from the validation; or None.
+        residual: The learned correction; None if not requested or not helpful.
+        dynamics: None for a recording at rest.
+        experiments: Informative experiments, best first.
         networks: Of its statics; None without visits.
-        doubts: Why the result may be wrong, a line each.
-        times: [s] that each part took.
+        doubts: Reasons why the result may be wrong, one per line.
+        times: [s], duration of each part.
     """
 
     robot: RobotParams
@@ -86,7 +86,7 @@ class Identification:
 
     @property
     def combinations(self) -> list[least_squares.Combination]:
-        """What the data cannot tell, least known first."""
+        """Parameter combinations that the data do not determine, least known first."""
         return least_squares.combinations(self.fit, self.unknowns.labels)
 
 
@@ -94,7 +94,7 @@ def check_stages(stages: Sequence[str]) -> tuple[str, ...]:
     """The stages in their order.
 
     Raises:
-        ValueError: One is unknown, or none of the statics is among them.
+        ValueError: A stage is unknown, or none of them belongs to the statics.
     """
     unknown = [name for name in stages if name not in STAGES]
     if unknown or not set(stages) & set(_PHYSICS):
@@ -117,22 +117,23 @@ def identify(
     seed: int = 0,
     show: ProgressCallback = quiet,
 ) -> Identification:
-    """Find a robot's parameters.
+    """Identify a robot's parameters.
 
     Args:
-        recording: Of it; of a moving robot the statics use what is at rest. Where a rig visits
-            points, dither went before.
-        robot: As its file says.
-        stages: Out of `STAGES`; what the others would find stays as the file says.
-        known: Kinds of parameters that the file says exactly, such as "mass".
-        any_turn: Whether the recording's frame may be anywhere, turned in any way. About the
-            robot's axis it may be turned anyway where columns' tendons are not known.
+        recording: Of the robot; if it moves, the statics use the parts at rest. Visits of a rig are
+            preceded by dither.
+        robot: The robot of the file.
+        stages: From `STAGES`; parameters of the others stay as in the file.
+        known: Kinds of parameters that are exact in the file, such as "mass".
+        any_turn: Whether the recording's frame may have any position and orientation. If the
+            tendons of columns are unknown, any rotation about the robot's axis is allowed anyway.
         validate: Whether to cross-validate.
         seed: Of the networks.
         show: Called with the progress.
 
     Raises:
-        ValueError: Recording and robot do not fit, or have what cannot be identified.
+        ValueError: Recording and robot do not match, or contain something that cannot be
+            identified.
     """
     run = _Run(recording, robot, check_stages(stages), tuple(known), any_turn, validate, seed, show)
     for name, stage in _STEPS.items():
@@ -144,7 +145,7 @@ def identify(
 
 @dataclass
 class _Run:
-    """An identification that goes on step by step; each says whether there was anything to do."""
+    """An identification in steps, each of which returns whether there was anything to do."""
 
     recording: Recording
     robot: RobotParams
@@ -173,7 +174,7 @@ class _Run:
             _check_place(self.static, self.robot)
 
     def assign(self) -> bool:
-        """Which column pulls what, or to which side."""
+        """Assign columns to tendons, or signs to columns."""
         robot, static, any_way = self.robot, self.static, self.any_turn
         if static.kind == "action" or "tendons" not in self.stages:
             return False
@@ -198,7 +199,7 @@ class _Run:
         self.moving = None if self.moving is None else change(self.moving)
 
     def train(self) -> bool:
-        """Networks of what was visited."""
+        """Train networks on the visits."""
         if "network" not in self.stages or not self.visits.any():
             return False
         self.show("networks", 0, 1)
@@ -206,12 +207,12 @@ class _Run:
         return True
 
     def fit_statics(self) -> bool:
-        """The rows at rest.
+        """Fit the rows at rest.
 
-        Few backbones have friction, and not all tendons rub by their tension. A robot is fitted
-        with neither and with either unless the file knows of one, and has what pays most; that of a
-        backbone where it keeps more of a bend than other things that the model lacks might. (No
-        scene has both.)
+        Few backbones have friction, and not all tendons have friction that grows with tension.
+        Unless the file has one of them, the robot is fitted with neither and with each, and the
+        best supported is kept; friction of the backbone only if it holds a larger bend than other
+        model errors might. (No scene has both.)
         """
         self.turned: Turned = "as said" if self.assignment is None else "about the axis"
         if self.any_turn:
@@ -223,7 +224,7 @@ class _Run:
         plain = self.fit
         for name in () if any(has.values()) else without:
             others = [other for other in without if other != name]
-            begin = plain if name == RUBS else None  # it changes how rows lag, not the robot
+            begin = plain if name == RUBS else None  # it changes the lag of rows, not the robot
             model, fit = self._tried(_TRIED[name], [*filed, *others], begin)
             keeps = name != HOLDS or _kept(model.robot_of(fit.x)) > _LEAST_KEPT
             if keeps and least_squares.pays(self.fit, fit):
@@ -232,7 +233,7 @@ class _Run:
         finer = self.model.finer()
         moved = finer.simulate(fit.x).markers - fit.simulated.markers
         if size(moved) > _COARSE * size(fit.simulated.error):
-            # What longer pieces lack went into parameters, and the chain would err by it.
+            # Parameters absorb the error of long pieces, and the chain would be wrong by it.
             self.model = finer
             self.fit = search(finer, fit.x, fit.free, fit.weights, least=_CLOSE)
         self.unknowns = self.model.unknowns
@@ -241,9 +242,9 @@ class _Run:
     def _tried(
         self, what: str, filed: Sequence[str], begin: Fit | None = None
     ) -> tuple[StaticModel, Fit]:
-        """Model and fit of the rows at rest, some kinds of friction being as the file says.
+        """Model and fit of the rows at rest, with some kinds of friction as in the file.
 
-        From another fit on if there is one.
+        Starts from another fit if given.
         """
         model = StaticModel(self.robot, self.static, self.turned, known=filed)
         free, x = _free(model, self.stages, self.known), np.zeros(len(model.unknowns.spread))
@@ -264,7 +265,7 @@ class _Run:
         return model, _fitted(model, x, free, show)
 
     def fit_dynamics(self) -> bool:
-        """Damping, delay and friction."""
+        """Fit damping, delay and friction."""
         if self.moving is None or "dynamics" not in self.stages:
             return False
         header = partial(_header, self.model, recording=self.recording)
@@ -287,7 +288,7 @@ class _Run:
         return True
 
     def learn_residual(self) -> bool:
-        """What physics leaves."""
+        """Learn the residual of the physics."""
         if "residual" not in self.stages:
             return False
         self.show("residual", 0, 1)
@@ -296,12 +297,12 @@ class _Run:
         return True
 
     def widen(self) -> bool:
-        """Intervals of the parameters by whole blocks."""
+        """Widen the parameters' intervals by the disagreement of blocks."""
         self.fit = least_squares.with_blocks(self.fit, blocks_of(self.static))
         return True
 
     def ask(self) -> bool:
-        """Which experiments would tell more."""
+        """Find informative experiments."""
         self.show("what would tell more", 0, 1)
         self.experiments = tuple(best_experiments(self.model, self.fit))
         return True
@@ -312,7 +313,7 @@ class _Run:
         return True
 
     def result(self) -> Identification:
-        """All of it."""
+        """The complete result."""
         header = _header(self.model, self.fit, self.recording)
         robot = _named(self.model, self.fit)
         if self.dynamics is not None:
@@ -322,7 +323,7 @@ class _Run:
         return Identification(*own, *rest)
 
 
-#: What an identification does, in this order.
+#: Steps of an identification, in this order.
 _STEPS: dict[str, Callable[[_Run], bool]] = {
     "assignment": _Run.assign,
     "networks": _Run.train,
@@ -341,7 +342,7 @@ def _shown(show: ProgressCallback, what: str, step: int, _: float) -> None:
 
 
 def _unsure(found: Assignment | None) -> tuple[str, ...]:
-    """Whether another assignment of columns leaves hardly more."""
+    """Whether another assignment of columns fits almost as well."""
     if found is None or found.second > _ALIKE * found.rms:
         return ()
     return (
@@ -352,7 +353,7 @@ def _unsure(found: Assignment | None) -> tuple[str, ...]:
 
 
 def _doubts(model: StaticModel, fit: Fit, recording: Recording) -> Iterator[str]:
-    """Why what was found may be wrong, a line each."""
+    """Reasons why the result may be wrong, one per line."""
     static, error = model.recording, fit.simulated.error
     left, moved = size(error), size(centred(model.points))
     if left > _POOR * moved:
@@ -389,12 +390,12 @@ def _doubts(model: StaticModel, fit: Fit, recording: Recording) -> Iterator[str]
 
 
 def _named(model: StaticModel, fit: Fit) -> RobotParams:
-    """The robot that a fit found."""
+    """The robot of a fit."""
     return replace(model.robot_of(fit.x), name=f"{model.robot.name}_identified")
 
 
 def _header(model: StaticModel, fit: Fit, recording: Recording) -> Header:
-    """The header that a fit found, of the recording as it was read."""
+    """The header of a fit, for the recording as it was read."""
     header = model.header_of(fit.x, model.recording.header)
     return replace(_losing(header, recording.header), static=recording.static)
 
@@ -415,12 +416,12 @@ def _in_motion(
 ) -> tuple[Dynamics, StaticModel, Fit]:
     """The dynamics, and the statics' model and fit with what the motion shows of them.
 
-    At rest, friction of tendons and backlash of servos do the same: tendons lag behind their
-    commands. A robot that sways under a constant command shows friction alone; and how fast it
-    sways shows how stiff it is for its mass. Where no servo can have backlash, friction is that in
-    motion. What it differs from that at rest is what the law of
-    friction lacks, such as tendons that give a little before they slide: half of it counts as a
-    standard deviation, of damping and delay as far as they depend on friction.
+    At rest, friction of tendons and backlash of servos have the same effect: tendons lag behind
+    their commands. The oscillation under a constant command depends on friction alone, and its
+    frequency gives the ratio of stiffness to mass. If no servo can have backlash, the friction in
+    motion is used. Its difference from that at rest shows errors of the friction law, such as
+    tendons that yield a little before they slide: half of it counts as a standard deviation, also
+    of damping and delay as far as they depend on friction.
     """
     known, x = model.unknowns, fit.x.copy()
     rubbing, backlash = (known.place(name) for name in unknowns.LAGS)
@@ -470,13 +471,13 @@ def placed(recording: Recording, header: Header) -> Recording:
 
 
 def _common(known: Unknowns, fit: Fit, name: str) -> float:
-    """Standard deviation of what the parameters of a kind have in common."""
+    """Standard deviation of the common part of the parameters of a kind."""
     place = known.place(name)
     return float(np.sqrt(fit.covariance[place, place].mean()))
 
 
 def _check_place(recording: Recording, robot: RobotParams) -> None:
-    """Raise ValueError if a marker is mostly where the robot cannot have it."""
+    """Raise ValueError if a marker is mostly out of the robot's reach."""
     for k, places in enumerate(recording.markers.swapaxes(0, 1), 1):
         away = np.sqrt(np.nansum((places - robot.clamp.position) ** 2, axis=1))
         far = float(np.median(away[~np.isnan(places).all(axis=1)])) if places.size else 0.0
@@ -489,10 +490,10 @@ def _check_place(recording: Recording, robot: RobotParams) -> None:
 
 
 def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> ndarray:
-    """(p,) bool: parameters of the stages, but turns of points that were not wholly measured.
+    """(p,) bool: parameters of the stages, except rotations of incompletely measured points.
 
     Raises:
-        ValueError: A known kind is none, or nothing is left.
+        ValueError: A known kind does not exist, or nothing is left to identify.
     """
     free = model.unknowns.of(stages)
     for name in known:
@@ -502,7 +503,7 @@ def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> nd
             raise ValueError(f"known must be out of {kinds}, got {name!r}")
         free[place] = False
     if np.isnan(model.points).all(axis=(0, 1)).any():
-        for name in ("frame_turn", "gravity_tilt"):  # either turns the recording's frame
+        for name in ("frame_turn", "gravity_tilt"):  # each rotates the recording's frame
             place = model.unknowns.place(name)
             free[place or slice(0)] = False
     return free

@@ -1,13 +1,13 @@
-"""How far off an identified robot is in a recording that it has not seen, and where that is known.
+"""Expected errors of an identified robot in an unseen recording, and where they are known.
 
-Rows of a block depend on each other, and what the model lacks at one command it has at another. So
-an interval is drawn from whole blocks that were left out of the fit, offsets and drift between them
-included. Variances grow with the distance of a command from all that were identified, and are
-larger at the begin of a recording, where friction keeps the robot anywhere; both parts are fitted
-to the blocks. A block's scores are its errors over what is expected of it, and the interval takes
-their quantile (split conformal prediction, Lei et al., J. Am. Stat. Assoc. 113, 2018), wider by
-Student's t as the blocks are few. Half of what is expected is by the variances of the other blocks:
-those of all know the block already, and without one that sticks for long the others expect nothing.
+Rows of a block are correlated, and model errors differ between commands. So an interval is derived
+from whole blocks left out of the fit, including offsets and drift between them. Variances grow with
+the distance of a command from the identified ones, and are larger at the beginning of a recording,
+where friction leaves the position undetermined; both parts are fitted to the blocks. A block's
+scores are its errors over what is expected of it, and the interval takes their quantile (split
+conformal prediction, Lei et al., J. Am. Stat. Assoc. 113, 2018), wider by Student's t as the blocks
+are few. Half of what is expected is by the variances of the other blocks: those of all know the
+block already, and without one that sticks for long the others expect nothing.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from ..errors import distances
 from .least_squares import NORMAL_95
 from .validation import fitted_without
 
-#: Share of an unseen recording's rows that an interval is to hold.
+#: Share of an unseen recording's rows that an interval should contain.
 LEVEL = 0.95
 
 #: Name of the file beside an identified robot's.
@@ -40,14 +40,14 @@ _SLIGHT = 0.01  # of a tendon's identified range, beyond which leaving it is sai
 
 @dataclass(frozen=True)
 class Judgement:
-    """A replay against what was expected of it.
+    """A replay compared with its expected errors.
 
     Attributes:
         least, largest: [m], half widths of the 95 % intervals.
-        held: Share of the markers that they hold.
-        beyond: Share of the rows whose commands are farther from those identified than was tested.
-        away: Largest distance of a command, over that.
-        over: Tendon -> by which share of its identified range it was commanded beyond that.
+        held: Share of the markers within them.
+        beyond: Share of the rows whose commands are farther from the identified ones than tested.
+        away: Largest distance of a command, over the tested one.
+        over: Tendon -> share of its identified range by which commands exceeded it.
     """
 
     least: float
@@ -76,7 +76,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What to expect of a recording at rest.
+    """Expected errors of a recording at rest.
 
     Attributes:
         parts: (k, 3) [m], half width of the 95 % interval of a marker's distance: at commands

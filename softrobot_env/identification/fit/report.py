@@ -1,4 +1,4 @@
-"""What an identification found as rows, tables and files."""
+"""Results of an identification as rows, tables and files."""
 
 from dataclasses import asdict, dataclass
 from math import exp
@@ -25,7 +25,7 @@ from .residual import RESIDUAL_FILE
 #: Rows of blocks that were left out of the fit.
 LEFT_OUT = "left out"
 
-#: Names of the files, as a replay looks for them.
+#: Names of the files, by which a replay finds them.
 ROBOT_FILE, HEADER_FILE, COMMANDS_FILE = "robot.toml", "recording.toml", "next_experiment.csv"
 
 #: What the option `--identified` takes.
@@ -36,15 +36,15 @@ _UNITS = {"log": ("%", 100.0), "share": ("%", 100.0), "rad": ("deg", 180 / np.pi
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A parameter that was found.
+    """An identified parameter.
 
     Attributes:
         parameter: Kind and label.
-        stage: That found it.
-        value: Change of what the file said, in its unit; factors as logarithms.
+        stage: The stage that identifies it.
+        value: Change from the file, in its unit; factors as logarithms.
         deviation: Standard deviation.
         low, high: 95 % interval.
-        prior: Standard deviation of what was believed.
+        prior: Standard deviation of the prior.
         unit: "log", "share", "rad", "m", "N", "1/m" or "s".
         found: Whether it was free.
     """
@@ -84,15 +84,15 @@ class ErrorRow:
 
 @dataclass(frozen=True)
 class PredictionRow:
-    """The interval that is to hold 95 % of an unseen recording's rows.
+    """The interval that should contain 95 % of an unseen recording's rows.
 
     Attributes:
         marker: Number, from 1.
-        near: [m], largest distance of the marker at commands that were identified.
-        far: [m], at those of a block left out that are farthest from the others.
-        start: [m], where a recording begins.
-        blocks: That were left out, one after the other.
-        factor: By which the interval is wider as they are few.
+        near: [m], largest distance of the marker at identified commands.
+        far: [m], at the commands of a left-out block that are farthest from the others.
+        start: [m], at the beginning of a recording.
+        blocks: Number of blocks left out, one after the other.
+        factor: Factor by which the interval is widened because the blocks are few.
     """
 
     marker: int
@@ -144,7 +144,7 @@ def _parameter(
 
 
 def error_rows(found: Identification) -> list[ErrorRow]:
-    """Errors of all rows, by what made them; and of each pattern, of physics."""
+    """Errors of all rows, by model; and of the physics for each pattern."""
     patterns = found.recording.patterns
     error = found.fit.simulated.error
     rows = [_error("fitted", "physics", "all", error)]
@@ -207,7 +207,7 @@ _ERRORS = (
 
 
 def _facts(found: Identification) -> dict[str, Any]:
-    """What is said of the whole."""
+    """Rows about the whole identification."""
     fit = found.fit
     facts = {
         "rows": len(found.recording.times),
@@ -237,7 +237,7 @@ def _facts(found: Identification) -> dict[str, Any]:
 
 
 def tables(found: Identification, chain: ErrorRow | None, whole: bool) -> Group:
-    """Tables for people; of all patterns and parameters if `whole`."""
+    """Tables to print; of all patterns and parameters if `whole`."""
     errors = error_rows(found)
     general = [row for row in errors if row.pattern == "all"] + ([] if chain is None else [chain])
     facts = _facts(found)

@@ -1,11 +1,11 @@
-"""What physics leaves, learned from the rows of a recording: a kernel regression near the data.
+"""A learned correction of what the physics does not explain: kernel regression near the data.
 
-It knows the tensionless facts of a row: how the simulated robot bends in each section, from which
-side it came there (the part of its bends that a dead band holds back), and the commands. Features
-are in units of their spread over the data. Far from all rows the kernel and with it the correction
-are zero. Widths and weights are chosen by cross-validation over contiguous blocks of the data it is
-given; "no correction" is one of the choices. Errors at the rows that it learned say nothing, since
-it can follow them as closely as it likes: what counts are those of blocks that were left out.
+Its features are the simulated bends of each section, the direction from which they were reached
+(the part of the bends that a dead band holds back), and the commands, each in units of its spread
+over the data. Far from all rows the kernel, and with it the correction, is zero. Widths and weights
+are chosen by cross-validation over contiguous blocks of the training data; "no correction" is one
+of the choices. Errors at training rows are meaningless, since they can be made arbitrarily small:
+only those of left-out blocks count.
 """
 
 from dataclasses import dataclass
@@ -59,7 +59,7 @@ class Residual:
     weights: ndarray
 
     def correction(self, bends: ndarray, commands: ndarray, begins: ndarray) -> ndarray:
-        """What is to be added to simulated markers, (t, k, 3) [m], along the robot's axes.
+        """The correction to add to simulated markers, (t, k, 3) [m], along the robot's axes.
 
         Args:
             bends, commands, begins: See `rows_of`.
@@ -135,7 +135,7 @@ def trained(
     blocks: ndarray,
     used: ndarray | None = None,
 ) -> Residual | None:
-    """Learn the correction; None where cross-validation finds that none helps.
+    """Learn the correction; None if cross-validation shows that none helps.
 
     Args:
         bends, commands, begins: Of all rows, as they followed each other.

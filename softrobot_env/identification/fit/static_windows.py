@@ -1,4 +1,4 @@
-"""Rows at rest out of a recording of a moving robot: the ends of times without a new command."""
+"""Rows at rest from a recording of a moving robot: the ends of periods without a new command."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -16,7 +16,7 @@ _JUMP = 0.5  # share of the way between two static windows that is made in one r
 _LITTLE = 0.02  # change of a command, over its range, that lets nothing go
 _SAME = 1e-3  # change of a command, over its range
 
-#: Fewest windows that a static identification takes.
+#: Fewest windows for a static identification.
 FEWEST = 8
 
 
@@ -25,14 +25,14 @@ def at_rest(recording: Recording, dithered: ndarray | None = None) -> Recording:
 
     A run that begins with a motion has its first row as well, without markers.
 
-    Where the robot was let go on the way to a rest, or did not go straight, another run begins, and
-    the marker does not count: its tendons come to rest anywhere within their friction. A rest in
-    which a marker still moves by more than a hundredth of its range does not count.
+    If the robot was released on the way to a rest, or did not move straight there, another run
+    begins, and the marker is ignored: its tendons may rest anywhere within their friction. A rest
+    in which a marker still moves by more than a hundredth of its range is ignored.
 
     Args:
-        recording: Of a robot that moves, or in whose rows it rests.
-        dithered: (t,) bool, rows of windows that dither went before; none unless given. There the
-            robot is as if nothing rubbed, and each is a run of its own.
+        recording: Of a moving robot, or of one at rest in every row.
+        dithered: (t,) bool, rows of windows that follow a dither; by default none. There the robot
+            is as if without friction, and each is a separate run.
 
     Raises:
         ValueError: There are fewer than `FEWEST` of them.

@@ -1,8 +1,8 @@
-"""What is unknown of a robot, and how well its file is believed: parameters with prior spreads.
+"""The unknown parameters of a robot, with prior spreads about its file's values.
 
-All parameters are zero where the robot is as its file says. Each belongs to a stage that a user
-switches; spreads are standard deviations of a prior, what a datasheet and a careful hand leave
-open. What the data show better does not depend on them.
+Parameters are zero for the robot of the file. Each belongs to a stage that a user can switch off;
+spreads are standard deviations of a prior, the uncertainty of a datasheet and of careful assembly.
+Parameters that the data determine better do not depend on them.
 """
 
 from collections.abc import Sequence
@@ -18,19 +18,19 @@ from scipy.linalg import block_diag
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 
-#: Kinds that make a robot lag behind its commands, which a search has to begin with some of.
+#: Kinds that make a robot lag behind its commands; a search must begin with nonzero values.
 LAGS = ("tendon_friction", "backlash")
 
-#: Kinds that few robots have, and which are taken where the data ask for them.
+#: Kinds that few robots have, and which are used only if the data support them.
 HOLDS, RUBS = "bending_friction", "friction_coefficient"
 
-#: All kinds that a model has some of unless they are known to be as the file says.
+#: All kinds that a model includes unless they are known exactly.
 FRICTIONS = (*LAGS, HOLDS, RUBS)
 
 #: Coefficient of friction [1] of tendons that a search begins with unless the file knows one.
 START_COEFFICIENT = 0.1
 
-#: How the recording's frame may be turned, beyond what a careful hand leaves open.
+#: How the recording's frame may be rotated, beyond the uncertainty of careful assembly.
 Turned = Literal["as said", "about the axis", "any way"]
 
 _ANY = 3.0  # rad, of a turn that may be any
@@ -38,7 +38,7 @@ _BEND = 0.1  # rad, by which the zero of a servo may bend a robot
 _HOLD = 0.06  # rad, by which friction of the backbone may keep a robot bent
 _BACKLASH = 0.003  # half of a backlash that is usual, over the recorded range of commands
 
-#: Stages in their order, and what they find.
+#: Stages in their order, and what they identify.
 STAGES: dict[str, str] = {
     "frame": "frame of the recording and offsets of its markers",
     "tendons": "which column pulls which tendon, their angles and distances, scales of commands",
@@ -57,7 +57,7 @@ class Group:
 
     Attributes:
         name: Of the kind.
-        stage: That finds them.
+        stage: The stage that identifies them.
         labels: One for each.
         spread: Of the prior, in its unit: standard deviation of what each has for itself; of all
             of them or of each.
@@ -85,9 +85,10 @@ def groups(
     """The unknowns of a robot and a recording of it.
 
     Args:
-        robot: As its file says.
-        recording: Of it.
-        turned: How the recording's axes may be turned; in any way, they may be anywhere as well.
+        robot: The robot of the file.
+        recording: Of this robot.
+        turned: How the recording's axes may be rotated; with any orientation, any position is
+            allowed too.
         spatial: Whether the robot leaves its plane.
         by_length: Whether the recording's commands are lengths.
     """
@@ -165,7 +166,7 @@ def start_backlash(robot: RobotParams, travel: float) -> float:
 
 @dataclass(frozen=True)
 class Fact:
-    """What something else than the rows says of the parameters x: weights @ x = value.
+    """Information about the parameters x from another source than the rows: weights @ x = value.
 
     Attributes:
         weights: (p,).

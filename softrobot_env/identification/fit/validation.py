@@ -1,9 +1,8 @@
-"""Cross-validation by contiguous blocks: how far the result is off where it was not fitted.
+"""Cross-validation by contiguous blocks: the error on data that were not fitted.
 
-Blocks are as long as the recording allows, since what drifts or lasts in it makes rows that follow
-each other alike: pieces in between others would be predicted better than any further recording. A
-block that is left out is simulated as a recording of its own, of which nobody knows where friction
-ended before it began.
+Blocks are as long as the recording allows, because drift and lasting effects correlate consecutive
+rows: interleaved pieces would be predicted better than any further recording. A left-out block is
+simulated as a separate recording, with an unknown state of friction at its start.
 """
 
 from collections.abc import Callable
@@ -46,7 +45,7 @@ class Validation:
 def blocks_of(recording: Recording) -> ndarray:
     """(t,) block of each row: whole runs, or whole patterns if runs are few, one after the other.
 
-    Of neither enough, pieces of the recording.
+    If there are too few of either, pieces of the recording.
     """
     same = np.array([recording.begins, recording.begins])
     same[1, 1:] |= recording.patterns[1:] != recording.patterns[:-1]
@@ -63,7 +62,7 @@ def blocks_of(recording: Recording) -> ndarray:
 
 
 def fitted_without(blocks: ndarray, block: int) -> ndarray:
-    """(t,) bool, rows that a fit takes without a block, whose neighbours are left out with it.
+    """(t,) bool, rows of a fit without a block and its neighbours.
 
     Args:
         blocks: (t,) block of each row, numbered as they follow each other.
@@ -76,7 +75,7 @@ def fitted_without(blocks: ndarray, block: int) -> ndarray:
 def cross_validated(
     model: StaticModel, fit: Fit, residual: bool, show: Callable[[int, int], None]
 ) -> Validation:
-    """Fit without one block and its neighbours after the other; if long, in two processes.
+    """Fit without each block and its neighbours in turn; if that is long, in two processes.
 
     Args:
         model: What is fitted.
