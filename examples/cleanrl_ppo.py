@@ -1,9 +1,9 @@
-"""PPO in one file, in the style of CleanRL: many robots at once, PyTorch and nothing else.
+"""PPO in one file, in the style of CleanRL: many robots at once, with PyTorch only.
 
     python examples/cleanrl_ppo.py --env SoftRobot/ArmStep-v0 --steps 200000 --out out/ppo.pt
 
-Made to be read and changed. The vector that the environment shows is of order 1 as it is, so that
-there are no running means to keep: the saved weights are the whole policy.
+It is meant to be read and changed. The environment's observation vector is already of order 1, so
+that no running means are needed: the saved weights are the whole policy.
 """
 
 import argparse
@@ -37,7 +37,7 @@ n_seen, n_inputs = envs.single_observation_space.shape[0], envs.single_action_sp
 
 
 def network(outputs: int, gain: float) -> nn.Sequential:
-    """Two hidden layers; small last weights, so that a policy begins about zero."""
+    """Two hidden layers; small last weights, so that a policy starts near zero."""
     layers = [
         nn.Linear(n_seen, 64),
         nn.Tanh(),
@@ -63,7 +63,7 @@ def chosen(seen: torch.Tensor) -> torch.distributions.Normal:
 
 
 def value(seen: ndarray) -> ndarray:
-    """What the critic expects."""
+    """The critic's value."""
     with torch.no_grad():
         return critic(torch.as_tensor(seen)).squeeze(-1).numpy()
 
@@ -83,7 +83,7 @@ for update in range(max(1, round(args.steps / (args.rollout * args.envs)))):
         seen, reward, terminated, truncated, info = envs.step(np.clip(actions[t], -1, 1))
         rewards[t], ended[t] = reward, terminated | truncated
         errors[t] = info.get("final_info", info)["error"]
-        if truncated.any():  # time was over, but the motion would have gone on
+        if truncated.any():  # the time limit ended the episode, not the motion
             rewards[t] += GAMMA * truncated * value(info["final_obs"])
 
     advantages, last, ahead = np.zeros(size, np.float32), np.zeros(args.envs), value(seen)

@@ -1,4 +1,4 @@
-"""Four controllers on the same path: error against the time of a decision."""
+"""Four controllers on the same path: error against the time per decision."""
 
 from pathlib import Path
 

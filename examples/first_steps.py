@@ -1,4 +1,4 @@
-"""A controller drives the arm along a path; its tip, its error and a moving picture."""
+"""A controller drives the arm along a path; plots of tip and error, and a moving picture."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from softrobot_env.rendering.curves import draw_tip, policy_curves
 from softrobot_env.rendering.figures import new_figure, save
 from softrobot_env.rendering.video import record, write_video
 
-# A policy says which environment it needs: how often it decides, how far it sees ahead.
+# A policy declares the environment it needs: its control period and how far it looks ahead.
 needs = policy_environment("lq_adaptive") | {"observe": "all", "render_mode": "rgb_array"}
 env = gymnasium.make("SoftRobot/ArmLShape-v0", **needs)
 policy = make_policy("lq_adaptive", env)
@@ -19,7 +19,7 @@ policy = make_policy("lq_adaptive", env)
 rollout = run_episode(env, policy, seed=0)
 print(f"largest error: {1e3 * rollout.error.max():.2f} mm")
 
-# Over time: both coordinates of the tip, and how far it is from its target.
+# Over time: both coordinates of the tip, and its distance from the target.
 figure, axes = new_figure(3, 1, (7, 6))
 draw_tip(axes[:, 0], policy_curves({"lq_adaptive": rollout}))
 picture = save(figure, Path("out/examples/first_steps.png"))

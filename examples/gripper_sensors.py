@@ -1,4 +1,4 @@
-"""Three fingers close on a bar; what their curvature sensors read meanwhile."""
+"""Three fingers close on a bar; the readings of their curvature sensors meanwhile."""
 
 from pathlib import Path
 

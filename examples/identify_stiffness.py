@@ -1,4 +1,4 @@
-"""How stiff is a robot? Its commands are replayed on models until the tip fits the recording."""
+"""How stiff is a robot? Its commands are replayed with models until the tip fits the recording."""
 
 from dataclasses import replace
 from pathlib import Path

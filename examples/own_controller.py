@@ -1,4 +1,4 @@
-"""A controller of one's own: inverse statics, corrected by an integral of the tip's error."""
+"""Your own controller: inverse statics, corrected by an integral of the tip's error."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from softrobot_env.rendering.figures import add_legend, new_figure, save
 
 
 class Shifted:
-    """Asks the static policy for a reference that is shifted by the errors so far."""
+    """Gives the static policy a reference shifted by the accumulated error."""
 
     requires = ("tip_position", "reference", "previous_action")
 
@@ -32,7 +32,7 @@ env = gymnasium.make(
     "SoftRobot/Track-v0", robot="planar_finger", task="figure_eight", observe="all"
 )
 static = make_policy("static", env)
-softer = {"vary": {"youngs_modulus": 0.8}}  # the robot is not what the policy believes
+softer = {"vary": {"youngs_modulus": 0.8}}  # the robot differs from the policy's model
 rollouts = {
     "static": run_episode(env, static, seed=0, options=softer),
     "shifted": run_episode(env, Shifted(static, gain=0.1), seed=0, options=softer),

@@ -1,4 +1,4 @@
-"""A robot in a file: where its tip gets, and a controller on a path in its workspace."""
+"""A robot from a file: the reach of its tip, and a controller on a path in its workspace."""
 
 from pathlib import Path
 

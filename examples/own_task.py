@@ -1,4 +1,4 @@
-"""A path and a reward of one's own, on any robot."""
+"""Your own path and reward, for any robot."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from softrobot_env.tasks.smooth_paths import figure_eight
 
 
 def flat_eight(robot, size=0.4, speed=None):
-    """An eight, half as high as wide; `size` is a share of how far the tip gets to all sides."""
+    """An eight, half as high as wide; `size` is a share of the tip's reach in all directions."""
     ground = site_of(robot).ground
     along, across = size * ground.radius * ground.axes
     path = figure_eight(tuple(ground.middle), tuple(along), tuple(across / 2))
@@ -22,7 +22,7 @@ def flat_eight(robot, size=0.4, speed=None):
 
 
 class Thrifty(gymnasium.Wrapper):
-    """The reward of the task less what pulling costs."""
+    """The task's reward minus a cost of pulling."""
 
     def step(self, action):
         observation, reward, terminated, truncated, info = self.env.step(action)

@@ -14,7 +14,7 @@ folder = Path("out/examples")
 folder.mkdir(parents=True, exist_ok=True)
 (folder / "trunk.xml").write_text(scene_xml(scene_of(find_robot("hanging_trunk"))))
 
-# From here on plain MuJoCo, with the timestep that the file was given by rule.
+# From here on plain MuJoCo, with the timestep that the rule chose for the file.
 model = mujoco.MjModel.from_xml_path(str(folder / "trunk.xml"))
 data = mujoco.MjData(model)
 data.ctrl[0] = 5.0  # [N]

@@ -1,4 +1,4 @@
-"""64 arms with stiffness and delay of their own, simulated at once."""
+"""64 arms, each with its own stiffness and delay, simulated at once."""
 
 from pathlib import Path
 

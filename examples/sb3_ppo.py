@@ -2,8 +2,8 @@
 
     python examples/sb3_ppo.py --env SoftRobot/ArmStep-v0 --steps 200000 --out out/sb3
 
-With `observe_as="vector"` the environment scales what it shows, so that no running statistics
-(`VecNormalize`) have to be saved beside the model.
+With `observe_as="vector"` the environment scales its observations, so that no running statistics
+(`VecNormalize`) have to be saved with the model.
 """
 
 import argparse
@@ -33,7 +33,7 @@ model.save(args.out / "model.zip")
 save_vector_policy(args.out / "sb3_ppo.npz", model, train_env, args.seed)
 train_env.close()
 
-# From the file, in environments that were not trained in: first the return, then the error.
+# From the file, in new environments: first the return, then the error.
 model = PPO.load(args.out / "model.zip", device="cpu")
 mean, deviation = evaluate_policy(model, make_vec_env(args.env, observe_as="vector"))
 print(f"return: {mean:.1f} +- {deviation:.1f}")

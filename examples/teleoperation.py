@@ -1,4 +1,4 @@
-"""Policies that are hands: a gamepad, and sliders in MuJoCo's viewer. Any robot, real or not:
+"""Manual control of any robot, real or not: policies by a gamepad, or sliders in MuJoCo's viewer:
 
     softrobot evaluate --robot trunk.toml --env real --tasks reach --record out/by_hand \\
         --policies examples/teleoperation.py:gamepad
@@ -16,11 +16,11 @@ from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import scene_of
 
 STICKS = ("ABS_X", "ABS_Y", "ABS_RX", "ABS_RY")  # of the package `inputs`
-FULL, DEAD = 32768.0, 0.08  # counts of a stick, and the share of them that says nothing
+FULL, DEAD = 32768.0, 0.08  # counts of a stick, and its dead zone as a share
 
 
 class Gamepad:
-    """Sections bend to where a stick points: the left one's are those nearest to the base."""
+    """Sections bend in the direction of a stick, those nearest to the base by the left one."""
 
     def __init__(self, robot, read):
         self._read, self._sticks, self._failure = read, dict.fromkeys(STICKS, 0.0), None
@@ -39,7 +39,7 @@ class Gamepad:
                 for event in self._read():
                     if event.code in self._sticks:
                         self._sticks[event.code] = event.state / FULL
-        except Exception as error:  # raised where somebody hears it, which stops a real robot
+        except Exception as error:  # raised in the main thread, which stops a real robot
             self._failure = error
 
     def act(self, observation):
@@ -72,7 +72,7 @@ class Sliders:
 
 
 def pulled(robot):
-    """(inputs, tendons) [N or m], by how much more a full action pulls than none does, and less."""
+    """(inputs, tendons) [N or m], half of the difference between the pulls at the actions 1 and -1."""
     inputs = robot_inputs(robot).per_action()
     each = np.eye(inputs.n_inputs)
     return (inputs.command(each) - inputs.command(-each)) / 2

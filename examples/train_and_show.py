@@ -1,4 +1,4 @@
-"""PPO learns a jump of the tip from nothing; the policy is saved and shown. About two minutes."""
+"""PPO learns a step of the tip from scratch; the policy is saved and shown. About two minutes."""
 
 import os
 from pathlib import Path
@@ -25,7 +25,7 @@ model.learn(STEPS)
 mean, deviation = evaluate_policy(model, make_vec_env(TASK, observe_as="vector"))
 print(f"return: {mean:.0f} +- {deviation:.0f}")
 
-# A file that all commands and `make_policy` read.
+# A file that all commands and `make_policy` can load.
 policy_file = str(folder / "ppo_step.npz")
 save_vector_policy(policy_file, model, train_env)
 env = gymnasium.make(TASK, **policy_environment(policy_file) | {"observe": "all"})

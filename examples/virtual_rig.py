@@ -1,4 +1,4 @@
-"""The real rig's interface without hardware: the firmware's program on a simulated robot.
+"""The real rig's interface without hardware: the firmware runs on a simulated robot.
 
 It runs in real time behind a serial port, and needs a C++ compiler and Linux or macOS.
 """

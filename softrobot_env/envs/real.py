@@ -206,7 +206,7 @@ class RealEnv(gymnasium.Env[Seen, ndarray]):
     takes one control period by the clock: the action goes out at once, the observation is taken at
     the period's end.
 
-    Differences from the simulation:
+    What differs from the simulation:
 
     * The robot begins at rest, where it is, with tendons pretensioned; `reset` waits until the tip
     stands still, and the clock starts with the first step. From then on a pause longer than the

@@ -13,7 +13,7 @@ from .visits import RigData, split
 #: Neurons of the hidden layers.
 HIDDEN = (10, 10)
 
-#: Samples to train, and to stop the training with.
+#: Number of samples to train with, and to stop the training with.
 TRAINING, VALIDATION = 150, 32
 
 #: Networks s -> z and z -> s.
@@ -37,7 +37,7 @@ class Networks:
 
 
 def networks_of(data: RigData, seed: int = 0) -> Networks:
-    """Train both with 150 samples, as the thesis does; `seed` is of split and initial parameters.
+    """Train both with 150 samples, as in the thesis; `seed` sets split and initial parameters.
 
     Raises:
         ValueError: Too few points.

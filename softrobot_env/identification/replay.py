@@ -1,10 +1,10 @@
-"""A recording's commands, simulated with any robot.
+"""Simulates a recording's commands with any robot.
 
-Of a static recording each row is an equilibrium, found from that of the row before: where tendons
-rub or servos have backlash, the end of a slow motion from there. A moving robot
-begins each run at rest under the run's first command and is stepped as environments step it:
-commands change at the ends of control periods. Rows at equal distances of at most 20 ms are control
-periods; of others commands are held on a grid of 5 ms or finer, and markers interpolated.
+In a static recording each row is an equilibrium, found from that of the row before: with friction
+of tendons or backlash of servos, it is the end of a slow motion from there. A moving robot begins
+each run at rest under the run's first command and is stepped like an environment: commands change
+at the ends of control periods. Rows at equal intervals of at most 20 ms are control periods;
+otherwise commands are held on a grid of 5 ms or finer, and markers interpolated.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,7 +36,7 @@ _STEP, _SHORTEST = 1 / 16, 1 / 1024  # of the way from one command to another
 
 
 class Body:
-    """A robot that is simulated under controls (n_tendons,) [N] or [m], with its servos.
+    """A robot simulated under controls (n_tendons,) [N] or [m], with its servos.
 
     Attributes:
         period: [s], of the controls.
@@ -55,11 +55,11 @@ class Body:
 
         Args:
             robot: The nominal robot.
-            twin: What is simulated of it; its servos count where commands are lengths.
+            twin: The simulated twin; its servos are used if commands are lengths.
             plant: One of `beams.registry.PLANTS`.
-            drive: What controls are, "tension" or "length".
+            drive: Kind of the controls, "tension" or "length".
             period: [s].
-            torsion: Whether a spatial chain of MuJoCo twists, also where no tendon winds.
+            torsion: Whether a spatial MuJoCo chain twists even if no tendon winds.
         """
         own = self._robot = twin.robot
         self.period = period
@@ -91,12 +91,12 @@ class Body:
     def at_rest(self, control: ndarray, guess: ndarray | None = None) -> ndarray:
         """Coordinates in stable equilibrium under controls (n_tendons,).
 
-        Near the guess, else where slowly growing loads lead, else where the robot goes in small
-        steps from rest without commands, or with all tendons let out: some that are slack and some
-        that are not may give the loads' path a kink at its very begin.
+        Near the guess; else at the end of slowly growing loads; else reached in small steps from
+        rest without commands, or with all tendons let out: if only some tendons are slack, the
+        loads' path may have a kink at its very beginning.
 
         Raises:
-            EquilibriumError: None was found, or only an unstable one.
+            EquilibriumError: No equilibrium was found, or only an unstable one.
             ValueError: A control is out of its range.
         """
         rest, idle = self._model.equilibrium, self._idle
@@ -113,10 +113,10 @@ class Body:
             return self._by_steps(rest, idle, control, start)
 
     def follow(self, control: ndarray, before: ndarray | None) -> ndarray:
-        """Coordinates at rest after slow motion from those before, with friction and backlash.
+        """Coordinates at rest after slow motion from the previous ones, with friction and backlash.
 
-        Without any before, in the middle of the backlash and as if nothing rubbed. Errors as
-        `at_rest`.
+        Without previous ones, in the middle of the backlash and without friction. Raises the errors
+        of `at_rest`.
         """
         if before is None:
             self._horn = control.copy()
@@ -149,7 +149,7 @@ class Body:
         return q
 
     def begin(self, control: ndarray) -> None:
-        """Be at rest under controls (n_tendons,); errors as `at_rest`."""
+        """Start at rest under controls (n_tendons,); raises the errors of `at_rest`."""
         posture, applied = self.at_rest(control), control
         if self._servos is not None:
             self._servos.start(control)
@@ -157,19 +157,19 @@ class Body:
         self._simulation.reset(posture, applied)
 
     def advance(self, control: ndarray) -> str | None:
-        """Go on for a period under controls (n_tendons,); what went wrong, or None."""
+        """Advance by a period under controls (n_tendons,); returns the failure, or None."""
         target = self._simulation.ctrl if self._servos is None else self._servos.command
         target[:] = control
         return None if self._simulation.advance() else self._simulation.failure() or "diverged"
 
     @property
     def q(self) -> ndarray:
-        """A copy of the coordinates now."""
+        """A copy of the current coordinates."""
         data = self._simulation.data
         return self._simulation.q.copy() if data is None else data.qpos.copy()
 
     def markers(self, q: ndarray, markers: Sequence[Marker]) -> ndarray:
-        """Where markers are, (T, k, 3) [m] in the world, in postures q (T, n)."""
+        """Positions of markers, (T, k, 3) [m] in the world, in postures q (T, n)."""
         places = [self._place(q, marker) for marker in markers]
         return np.stack(places, axis=1) if places else np.zeros((len(q), 0, 3))
 
@@ -189,7 +189,7 @@ class Body:
         return point + along * x + across * y + out * np.cross(x, y)
 
     def _tip(self, q: ndarray) -> ndarray:
-        """(T, 3) [m]: of a head, its output point; beams have a last section in its place."""
+        """(T, 3) [m]: the output point of a head; beams have a last section instead of a head."""
         if self._simulation.data is not None:
             return self._model.tip(q)
         return self._at(q, self._robot.reach, (0.0, 0.0))
@@ -198,27 +198,27 @@ class Body:
         return self._model.positions(q, np.array([station]), np.array([offset]))[:, 0]
 
 
-#: Longest control period [s], that of the grid of rows at unequal distances, and the largest
-#: difference of equal distances, as a share.
+#: Longest control period [s], period of the grid for rows at unequal intervals, and the largest
+#: relative difference of equal intervals.
 _LONGEST, _GRID, _EQUAL = 0.02, 0.005, 1e-3
 
 _SHOWN = 50  # rows between two reports of progress
 
-#: Called with how many rows are done.
+#: Called with the number of finished rows.
 Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True)
 class Replay:
-    """A recording and what a simulated robot did under its commands.
+    """A recording and the motion of a simulated robot under its commands.
 
     Attributes:
         recording: The recording.
-        robot: What was simulated.
-        plant: By which model.
+        robot: The simulated robot.
+        plant: Its model.
         simulated: (t, k, 3) [m], markers in the world; NaN where the simulation failed.
-        failures: What went wrong, one line for each failed row or run.
-        cpu_time: [s] that the simulation took, compilation included.
+        failures: One line for each failed row or run.
+        cpu_time: [s] of the simulation, including compilation.
     """
 
     recording: Recording
@@ -230,7 +230,7 @@ class Replay:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the reader of its errors must know, a line each."""
+        """Notes for readers of its errors, one per line."""
         if not (self.static and self.robot.has_friction):
             return ()
         return (
@@ -255,17 +255,17 @@ class Replay:
 
     @property
     def title(self) -> str:
-        """Robot and model, for people."""
+        """Title with robot and model."""
         return f"{self.robot.name}, {self.plant}"
 
     @cached_property
     def error(self) -> ndarray:
-        """Simulated less recorded (t, k, 3) [m]; NaN where one of them is unknown."""
+        """Simulated minus recorded (t, k, 3) [m]; NaN where one of them is unknown."""
         return self.simulated - self.recording.markers
 
     @cached_property
     def distance(self) -> ndarray:
-        """Its size (t, k) [m] over the coordinates that were measured."""
+        """Its size (t, k) [m] over the measured coordinates."""
         return distances(self.error)
 
     @cached_property
@@ -284,15 +284,15 @@ def replay(
     """Simulate the commands of a recording.
 
     Args:
-        recording: The recording; its header says which tendons the commands drive.
+        recording: The recording; its header assigns commands to tendons.
         robot: The robot.
         plant: One of `beams.registry.PLANTS`.
-        twin: Of a robot driven by length, what is simulated of it; or the seed of one.
-        progress: Called from time to time.
+        twin: For a robot driven by length, the simulated twin, or the seed of one.
+            progress: Called occasionally.
 
-    Raises:
-        ValueError: The commands do not fit the robot, a marker is off it, or the model lacks what
-            the robot has.
+        Raises:
+            ValueError: The commands do not fit the robot, a marker is not on it, or the model does
+                not support something that the robot has.
     """
     if not recording.header.marker:
         raise ValueError("the recording has no markers: nothing can be compared")
@@ -300,7 +300,7 @@ def replay(
     built, drive = twin_of(robot, twin), recording.drive(robot)
     controls = recording.controls(robot)
     if recording.static:
-        # Weights beside the axis twist a robot; environments leave that out, here it is quick.
+        # Weights off the axis twist a robot; environments neglect that, here it costs little.
         body, work = Body(robot, built, plant, drive, _LONGEST, torsion=True), _equilibria
     else:
         body, work = Body(robot, built, plant, drive, control_period(recording)), _motions
@@ -350,7 +350,7 @@ def _motions(
 
 
 def control_period(recording: Recording) -> float:
-    """Control period [s] by which a moving robot's commands are simulated."""
+    """Control period [s] of the simulation of a moving robot."""
     steps = recording.steps
     if not len(steps):
         return _LONGEST
@@ -363,7 +363,7 @@ def control_period(recording: Recording) -> float:
 def _motion(
     body: Body, run: Recording, controls: ndarray, ahead: bool
 ) -> tuple[ndarray, str | None]:
-    """Markers (t, k, 3) of one run; NaN after a failure, and what failed."""
+    """Markers (t, k, 3) of one run; NaN after a failure, and its message."""
     periods = max(1, ceil(run.times[-1] / body.period - _EQUAL))
     middle = (np.arange(periods) + 0.5) * body.period
     rows = np.searchsorted(run.times, middle, side="right") - 1 + ahead
@@ -393,8 +393,8 @@ ALL = "all"
 class ErrorRow:
     """Errors of a pattern, or of all rows.
 
-    The distance of simulated and recorded markers, as they are and with the mean error over all
-    rows removed from each marker (one offset for all patterns).
+    The distance of simulated and recorded markers, without and with the mean error over all rows
+    removed from each marker (one offset for all patterns).
 
     Attributes:
         pattern: Label of the rows, or "all".

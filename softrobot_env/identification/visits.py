@@ -1,11 +1,11 @@
-"""Quasi-static visits of the spatial rig: where to go, by which lengths, and what is measured.
+"""Quasi-static visits of the spatial rig: points, lengths and measurements.
 
 Thesis sec. 3.2.2. Points are spread evenly over the workspace; the statics of the nominal rig, one
 piece of constant curvature, give the lengths that put its output there with the least tensions
 (the set S_red of sec. 3.1.2). The rig visits these lengths in turn and its output is measured.
 
-A rig is excited and recorded to visit them as for any other identification (`excitation`). At 3 s a
-point, the 215 points of a network take eleven minutes; the thesis says five.
+The visits are commanded and recorded as in any other identification (`excitation`). At 3 s a point,
+the 215 points of a network take eleven minutes; the thesis says five.
 """
 
 from collections.abc import Callable
@@ -37,15 +37,16 @@ _GOLDEN_ANGLE = pi * (3 - sqrt(5))
 #: Label of the rows of a recording.
 VISIT = "visit"
 
-#: Outputs (n, 2) [m] beside the axis at lengths (n, 3) [m] pulled in, visited in turn from the
-#: straight rig on. Friction makes the order matter, and the rig sways for seconds: move slowly from
-#: each to the next, on a straight line in the lengths, and wait for rest before measuring.
+#: Measures outputs (n, 2) [m] off the axis at lengths (n, 3) [m] pulled in, visited in turn,
+#: beginning with the straight rig. Because of friction the order matters, and the rig oscillates
+#: for seconds: move slowly from each point to the next, on a straight line in the lengths, and wait
+#: for rest before measuring.
 Measure = Callable[[ndarray], ndarray]
 
 
 @dataclass(frozen=True)
 class RigData:
-    """What a visit of all points found; rows in the order of the visit.
+    """Measurements of a visit of all points, in its order.
 
     Attributes:
         lengths: s (n, 3) [m], pulled in.
@@ -86,11 +87,11 @@ def disk_points(count: int = POINTS, radius: float = RADIUS) -> ndarray:
 
 
 class Visiting(NamedTuple):
-    """What is known of robots that can visit points.
+    """Functions for robots that can visit points.
 
     Attributes:
         nominal_lengths: See the function of that name.
-        parameters_of: Of an identification with networks, what controllers know of the robot.
+        parameters_of: Parameters for controllers, from an identification with networks.
     """
 
     nominal_lengths: Callable[..., ndarray]
@@ -98,7 +99,7 @@ class Visiting(NamedTuple):
 
 
 def visiting(robot: RobotParams) -> Visiting | None:
-    """What is known of a robot that can visit points; None of one that cannot."""
+    """The `Visiting` of a robot; None if it cannot visit points."""
     found = VARIANTS.find("visits", robot)
     return None if found is None else load(found)
 
@@ -108,9 +109,9 @@ def nominal_lengths(robot: RobotParams, points: ndarray, total: float | None = N
 
     Args:
         robot: The robot.
-        points: Where its output is to be.
-        total: Sum of the tensions [N] that chooses one of the many solutions, as in thesis sec.
-            5.1; the least tensions that respect the pretension unless given.
+        points: Target positions of its output.
+        total: Sum of the tensions [N] that selects one of the many solutions, as in thesis sec.
+            5.1; by default the least tensions that respect the pretension.
 
     Raises:
         ValueError: A point is out of reach, or the robot cannot visit points.
@@ -140,13 +141,12 @@ def collect(
         robot: The nominal rig.
         measure: See `Measure`.
         rng: Source of the order.
-        points: (n, 2) [m]; `disk_points` unless given.
+        points: (n, 2) [m]; by default `disk_points`.
         total: See `nominal_lengths`.
 
     Raises:
         OutOfReachError: A point is out of the nominal rig's reach.
-        ValueError: As `nominal_lengths`, or the measurement is not finite or of another shape than
-            (n, 2).
+        ValueError: See `nominal_lengths`; or the measurement is not finite or not of shape (n, 2).
     """
     wanted = rng.permutation(disk_points() if points is None else points)
     lengths = nominal_lengths(robot, wanted, total)
@@ -173,14 +173,14 @@ def split(count: int, rng: np.random.Generator) -> Split:
 
 
 def visits_of(recording: Recording, robot: RobotParams) -> RigData:
-    """What the visits of a recording found, see `excitation`.
+    """The measurements of the visits in a recording, see `excitation`.
 
     Args:
         recording: Of a rig.
-        robot: Its nominal one.
+        robot: The nominal rig.
 
     Raises:
-        ValueError: There are few, or the commands do not fit the robot.
+        ValueError: There are too few, or the commands do not fit the robot.
     """
     visits = recording.patterns == VISIT
     found = at_rest(recording.part(visits), visits[visits])
