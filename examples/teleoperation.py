@@ -72,7 +72,7 @@ class Sliders:
 
 
 def pulled(robot):
-    """(inputs, tendons) [N or m], half of the difference between the pulls at the actions 1 and -1."""
+    """(inputs, tendons) [N or m], half the difference between the pulls at the actions 1 and -1."""
     inputs = robot_inputs(robot).per_action()
     each = np.eye(inputs.n_inputs)
     return (inputs.command(each) - inputs.command(-each)) / 2

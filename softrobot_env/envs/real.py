@@ -209,26 +209,27 @@ class RealEnv(gymnasium.Env[Seen, ndarray]):
     What differs from the simulation:
 
     * The robot begins at rest, where it is, with tendons pretensioned; `reset` waits until the tip
-    stands still, and the clock starts with the first step. From then on a pause longer than the
+      stands still, and the clock starts with the first step. From then on a pause longer than the
       watchdog of the robot file stops the robot.
     * `tip_position` is the newest measurement, some milliseconds old: `info["tip_age"]` [s];
       `info["tip_refused"]` counts messages that its source could not use. `info["error"]` is its
       distance to the reference of its own time.
     * A step called late by half a period or more skips whole periods: the reference continues,
-    `info["missed_steps"]` counts them, and nothing is sent twice or in a burst.
+      `info["missed_steps"]` counts them, and nothing is sent twice or in a burst.
     * Actions beyond the calibrated range are limited to it: `info["limited"]` says so, and
-    `info["applied_action"]` holds the applied one.
+      `info["applied_action"]` holds the applied one.
     * `info` also holds `lateness_s` of the call, `rtt_s` from the set-point to its answer (NaN
-    without an answer in its period; less than `state_delay` if a measurement was due anyway),
-      the age `obs_age_s` of the hardware's measurements, `device_state`, counters of the link
+      without an answer in its period; less than `state_delay` if a measurement was due anyway), the
+      age `obs_age_s` of the hardware's measurements, `device_state`, counters of the link
       (`link_crc_errors`, ...) and `fault` (a text, or empty).
     * A fault ends the episode, with its text in `info["failure"]` and the last valid observation:
       `terminated` if a tendon pulled too hard (a limit that simulations have too), else
       `truncated`. A microcontroller ramps down by itself, motors are ramped down by this program.
-      After it `step` and `reset` raise `RobotFaultError`, until `reset(options={"clear_fault":
-      True})`, which also reopens a lost line and configures a board that has restarted.
+      After it `step` and `reset` raise `RobotFaultError`, until
+      `reset(options={"clear_fault": True})`, which also reopens a lost line and configures a board
+      that has restarted.
     * At the end of an episode, in `close` and at the program's exit the robot is ramped down. Any
-    exception during a step causes an emergency stop.
+      exception during a step causes an emergency stop.
 
     Attributes:
         task, control_period, vector_layout, reading: As in `TrackingEnv`.
