@@ -1,4 +1,4 @@
-"""A beam model without MuJoCo: the arm as pieces of constant curvature, at rest and released."""
+"""A beam model alone, without MuJoCo: the arm as pieces of constant curvature, at rest and released."""
 
 from pathlib import Path
 

@@ -79,7 +79,7 @@ def period_of(case: Case) -> float:
 
 
 def families() -> dict[RobotParams, tuple[str, ...]]:
-    """The policies made for particular robots, which are left out for robots chosen by --robot."""
+    """Robots with their own policies, which drive no other robot unless --robot names it."""
     return {entry.robot: entry.policies for entry in ENTRIES.values() if entry.policies}
 
 
