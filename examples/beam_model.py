@@ -1,4 +1,4 @@
-"""A beam model alone, without MuJoCo: the arm in pieces of constant curvature, at rest and let go."""
+"""A beam model alone: the arm as pieces of constant curvature, at rest and released."""
 
 from pathlib import Path
 
