@@ -16,7 +16,7 @@ from softrobot_env.robots.actuation import TendonMap
 
 FINE, SATURATED, UNREACHABLE, OUTSIDE, NOT_FINITE, NOT_COMPUTED = range(6)
 
-#: What the codes mean, for people.
+#: Messages of the codes.
 REASONS = {
     FINE: None,
     SATURATED: "tension limit reached",

@@ -284,14 +284,14 @@ class GripperEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
-        """As of `VectorGripperEnv`, for one."""
+        """See `VectorGripperEnv`, for one gripper."""
         super().reset(seed=seed)
         self._all._generators[:] = [self.np_random]
         observation, info = self._all.reset(options=options)
         return each_of(observation, _first), _alone(info)
 
     def step(self, action: ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
-        """As of `VectorGripperEnv`, for one."""
+        """See `VectorGripperEnv`, for one gripper."""
         given = checked_actions(action, self.action_space.shape)
         observation, reward, failed, over, info = self._all.step(given[None])
         return (

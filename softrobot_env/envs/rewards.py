@@ -218,7 +218,7 @@ class GripReward(Record, what="reward"):
 
     @property
     def none(self) -> dict[str, float64]:
-        """As of `TrackingReward`."""
+        """See `TrackingReward`."""
         return dict.fromkeys(GRIP_TERMS, _ZERO)
 
     failed_terms = TrackingReward.failed_terms

@@ -50,7 +50,7 @@ class LQI(ScheduledLaw):
         return Integral(robot)
 
     def start(self, observation: Observation) -> Memory:
-        """Begin from the actions in force, without integrated error.
+        """Begin from the current actions, without integrated error.
 
         Raises:
             ValueError: The reference has too few coordinates.

@@ -192,7 +192,7 @@ class ChainReadout(_Chains):
         self.tendon_tension = self._simulation.data.actuator_force.copy
 
     def update(self, _which: None = None) -> str | None:
-        """Measure anew; return what left the documented workspace, or None."""
+        """Measure again; return what left the documented workspace, or None."""
         angles = self._angles
         self.tip = self._tip.tolist()
         self.bend = fine = self._mean.dot(angles)
@@ -292,7 +292,7 @@ class BeamReadout:
         self.update()
 
     def update(self, _which: None = None) -> str | None:
-        """Measure anew; return what left the documented workspace, or None."""
+        """Measure again; return what left the documented workspace, or None."""
         simulation = self._simulation
         self._now = now = simulation.plant.measure(simulation.q, simulation.v)
         self.tip, self.bend = now.tip_position.tolist(), now.curvature

@@ -103,7 +103,7 @@ class GripperBatch(Batch):
         built = assembly.build_assembly(scene)
         if config.timestep is None and fineness.longer > 1:
             longer = fineness.longer * built.timestep.timestep
-            with warnings.catch_warnings():  # of what was asked for
+            with warnings.catch_warnings():  # about the requested timestep
                 warnings.simplefilter("ignore", TimestepWarning)
                 built = assembly.build_assembly(scene.with_timestep(longer))
         super().__init__(built, config.num_envs, config.threads)

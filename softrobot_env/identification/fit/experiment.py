@@ -108,6 +108,6 @@ def _slopes(
     other = model.on(planned, gravity)
     found = other.simulate(fit.x, fit.free)
     slopes = found.slopes.copy()
-    if gravity is not None:  # it is put up anew: the old frame does not count
+    if gravity is not None:  # the robot is mounted again: the old frame is void
         slopes[..., other.unknowns.moves_frame[fit.free]] = 0
     return slopes if found.found.all() and np.isfinite(slopes).all() else None

@@ -1,15 +1,15 @@
 """Statics of a backbone of constant-curvature pieces with tendons, and derivatives by parameters.
 
-A piece of length l turns by a rotation vector phi from its begin to its end: bends, and twist. A
-tendon at d = (x, y, 0) runs straight from guide to guide. With m spans in a piece, each of length
-l / m and turn phi / m, the chord of one is |V w|, w = l e_z + phi x d, where V is the integral of
-the rotation along the span; since V stretches what is along phi by 1 and what is across by
-sin(t / 2) / (t / 2), t = |phi|, it needs no positions. A continuous channel has many spans.
+A piece of length l rotates by a vector phi from its beginning to its end: bends, and twist. A
+tendon at d = (x, y, 0) runs straight from guide to guide. With m spans in a piece, each of length l
+/ m and turn phi / m, the chord of one is |V w|, w = l e_z + phi x d, where V is the integral of the
+rotation along the span; since V stretches what is along phi by 1 and what is across by sin(t / 2) /
+(t / 2), t = |phi|, it needs no positions. A continuous channel has many spans.
 
-Everything is written for real and for complex numbers: the derivative by a parameter is the
-imaginary part after an imaginary step of 1e-30 (exact to rounding). An equilibrium is found by
-Newton's method; its derivative follows from the same matrix, and that of where tendons and
-backbone rub last is carried along from row to row.
+All functions work for real and for complex numbers: the derivative by a parameter is the imaginary
+part after an imaginary step of 1e-30 (exact to rounding). An equilibrium is found by Newton's
+method; its derivative follows from the same matrix, and the derivative of the friction's anchors is
+carried from row to row.
 """
 
 from typing import NamedTuple
@@ -46,7 +46,7 @@ TINY = 1e-30
 
 
 class Layout(NamedTuple):
-    """What no parameter changes.
+    """Data that no parameter changes.
 
     Attributes:
         sizes: (n,) [m], lengths of the pieces.
@@ -54,9 +54,9 @@ class Layout(NamedTuple):
         last: (n_tendons,) number of pieces that a tendon runs through.
         by_length: Whether controls are lengths pulled in, else tensions.
         nodes: (n_markers,) ends of pieces that carry the markers, 0 is the base.
-        loose: [m] of sliding at which friction of a tendon is whole.
-        give: (n,) [rad] of a turn at which friction of a piece is whole.
-        apart: Whether friction of the backbone is kept apart from that of the tendons.
+        loose: [m] of sliding at which friction of a tendon is fully developed.
+        give: (n,) [rad], rotation at which friction of a piece is fully developed.
+        apart: Whether friction of the backbone is separate from that of the tendons.
         along: Whether friction of any tendon grows with its tension.
     """
 
@@ -72,7 +72,7 @@ class Layout(NamedTuple):
 
 
 class Body(NamedTuple):
-    """What parameters change; real, or complex for a derivative; or many with a leading axis.
+    """Data that parameters change; real, or complex for a derivative; or many with a leading axis.
 
     Attributes:
         stiffness: (n, 4) [N m], of the turn about x, of x by y, about y, and of the twist.
@@ -108,9 +108,9 @@ class Body(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of one kind of numbers: lengths, their derivatives, tensions, postures, forces.
+    """Work arrays of one kind of numbers: lengths, their derivatives, tensions, postures, forces.
 
-    Lengths of tendons and of their parts in pieces; tensions in these.
+    Lengths are those of tendons and of their parts in pieces; tensions are those in the parts.
     """
 
     length: ndarray
@@ -123,7 +123,7 @@ class Work(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Scratch of a robot.
+    """Work arrays of a robot.
 
     Attributes:
         real, complex: Of these kinds of numbers.
@@ -149,13 +149,14 @@ def scratch(pieces: int, tendons: int) -> Scratch:
 
 
 class State(NamedTuple):
-    """A robot at rest; many, with a leading axis, are complex: steps of parameters.
+    """A robot at rest; several with a leading axis are complex, for steps of parameters.
 
     Attributes:
-        q: (3 n,) turns of the pieces.
-        control: (n_tendons,) [m] or [N], what servos make of a command.
-        anchor: (n_tendons + 2 n,) where friction would vanish: lengths [m], then bends [rad]; where
-            friction grows with tension, n_tendons n more: lengths [m] from the begins of pieces on.
+        q: (3 n,) rotations of the pieces.
+        control: (n_tendons,) [m] or [N], positions of the servos, or tensions.
+        anchor: (n_tendons + 2 n,) at which friction would vanish: lengths [m], then bends [rad]; if
+            friction grows with tension, n_tendons n more: lengths [m] beyond the beginnings of
+            pieces.
     """
 
     q: ndarray
@@ -164,12 +165,12 @@ class State(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What is followed, and what is found, row by row.
+    """Controls and results, row by row.
 
     Attributes:
         controls: (t, n_tendons) [m] or [N].
-        begins: (t,) bool, where tendons and backbone come to rest as if nothing rubbed, and servos
-            in the middle of their backlash; the first does.
+        begins: (t,) bool, rows in which friction is zero and servos are in the middle of their
+            backlash; the first is one.
         turns: (t, 3 n) of the pieces, set.
         markers: (t, n_markers, 3) [m], set.
         slopes: (t, n_markers, 3, p) their derivatives, set.
@@ -244,7 +245,7 @@ def _frame(rows):
 
 @kernel
 def _add_weight(layout, body, q, work):
-    """Take the weights' generalised force off work.force (3 n,) [N m]; sets the posture."""
+    """Subtract the weights' generalised force from work.force (3 n,) [N m]; sets the posture."""
     _set_posture(layout, q, work.place, work.axes)
     gravity, n, zero = vector(body.gravity), len(layout.sizes), q[0] * 0
     force = to_axes(_frame(work.axes[n]), scaled(body.head[0], gravity))
@@ -261,7 +262,7 @@ def _add_weight(layout, body, q, work):
 
 @kernel
 def _slid(way, loose):
-    """Share of friction in [-1, 1] after a way from where it would vanish."""
+    """Share of friction in [-1, 1] at a distance from where it would vanish."""
     share = way / loose
     return share * 0 + np.sign(share.real) if abs(share.real) > 1 else share
 
@@ -277,8 +278,8 @@ def _held(x, y):
 def _pull(layout, body, state, has_friction, k, length):
     """Tension [N] of tendon k by its drive, and friction of whatever tension, by a length [m].
 
-    None is negative at the servo. Where friction of the backbone is kept apart, that of a tendon is
-    no more than its tension: a slack tendon does not rub.
+    Tensions are not negative at the servo. If friction of the backbone is separate, that of a
+    tendon is at most its tension: a slack tendon has no friction.
     """
     pull = state.control[k] + length * 0
     if layout.by_length:
@@ -297,7 +298,7 @@ def _pull(layout, body, state, has_friction, k, length):
 def _zone(layout, body, state, k, i, beyond):
     """Share and exponent [1] of friction of tendon k before its part in piece i.
 
-    As `scene.integration.capstan` has it; beyond is the length [m] from the begin of the piece on.
+    See `scene.integration.capstan`; `beyond` is the length [m] beyond the beginning of the piece.
     """
     n, q = len(layout.sizes), state.q
     turned = np.sqrt(q[3 * i] * q[3 * i] + q[3 * i + 1] * q[3 * i + 1]) / 2
@@ -346,7 +347,7 @@ def _add_pieces(layout, body, state, has_friction, work):
 
 @kernel
 def _add_tendons(layout, work):
-    """Add what tendons do by their tensions and arms to work.force (3 n,) [N m]."""
+    """Add the tendons' forces, from tensions and moment arms, to work.force (3 n,) [N m]."""
     for k in range(len(work.tension)):
         for i in range(3 * layout.last[k]):
             work.force[i] += work.tension[k, i // 3] * work.arm[k, i]
@@ -354,7 +355,7 @@ def _add_tendons(layout, work):
 
 @kernel
 def imbalance(layout, body, state, has_friction, work):
-    """Set work.force (3 n,) [N m] to what is missing from balance, and the rest of it.
+    """Set work.force (3 n,) [N m] to the imbalance, and the other work arrays.
 
     Args:
         layout, body, state: The robot.
@@ -387,8 +388,9 @@ def _set_rates(layout, q, scratch):
 def _add_weight_tangent(layout, body, q, scratch):
     """Add the derivative of the weights' imbalance by q (3 n,) to the tangent; needs spin, shift.
 
-    A turn of a piece turns all beyond it as one body. So what the weights pull at a later piece,
-    gravity . push, changes by gravity . (spin x push), spin being the rotation by the earlier turn.
+    A rotation of a piece rotates everything beyond it as one body. So the weights' force on a later
+    piece, gravity . push, changes by gravity . (spin x push), spin being the rotation by the
+    earlier turn.
     """
     n, gravity, real, out = len(layout.sizes), vector(body.gravity), scratch.real, scratch.tangent
     push = np.zeros((3 * n, 3))
@@ -411,7 +413,7 @@ def _add_weight_tangent(layout, body, q, scratch):
 
 @kernel
 def _add_own_weight(size, phi, i, mass, lever, gravity, scratch):
-    """Add what the turns of piece i change of the pull at it by a mass [kg] with a lever [kg m]."""
+    """Add how a weight, mass [kg] and lever [kg m], changes its force on piece i by its rotation."""
     axes, zero = scratch.real.axes, 0.0 * phi[0]
     pull, beyond = to_axes(_frame(axes[i]), gravity), to_axes(_frame(axes[i + 1]), lever)
     for j in range(3):
@@ -495,7 +497,7 @@ def _tangent(layout, body, state, has_friction, scratch):
 
 @kernel
 def _settle(layout, body, state, has_friction, tolerance, scratch):
-    """Newton's method from a state, whose turns it changes; whether it found an equilibrium."""
+    """Newton's method from a state, whose rotations it changes; returns whether it converged."""
     q, real = state.q, scratch.real
     imbalance(layout, body, state, has_friction, real)
     size = np.sqrt(np.sum(real.force**2))
@@ -552,7 +554,7 @@ def _seen(layout, marker, work, out):
 
 @kernel
 def _move_servos(body, command, control):
-    """Let horns (n_tendons,) follow a command at the edge of the backlash; else they stay."""
+    """Move horns (n_tendons,) with a command at the edge of the backlash; else they stay."""
     for k in range(len(control)):
         off = control[k] - command[k]
         if abs(off.real) > body.backlash[k].real:
@@ -562,7 +564,7 @@ def _move_servos(body, command, control):
 
 @kernel
 def _move_anchors(layout, state, has_friction, work):
-    """Set where friction would vanish, for the next row, by the lengths there."""
+    """Set the friction's anchors for the next row, from the lengths there."""
     q, anchor, bends = state.q, state.anchor, state.anchor[len(work.length) :]
     beyond, n = bends[2 * len(layout.sizes) :], len(layout.sizes)
     kept = 1.0 if has_friction else 0.0
@@ -585,8 +587,8 @@ def _move_anchors(layout, state, has_friction, work):
 def _differentiate(layout, many, state, moved, has_friction, scratch, out):
     """Set out (n_markers, 3, p) to derivatives of the markers by p parameters.
 
-    What stays real at the turns of the state is not computed again: most parameters change one
-    tendon, or none.
+    Quantities that stay real at the state's rotations are not recomputed: most parameters change
+    one tendon, or none.
 
     Args:
         layout, many: See `follow`.
@@ -661,7 +663,7 @@ def _set_slopes(layout, many, change, scratch, out):
 
 @kernel
 def _find(layout, body, state, before, has_friction, tolerance, scratch):
-    """Balance a state, whose controls were `before`, at once or in steps; whether that worked."""
+    """Balance a state whose controls were `before`, at once or in steps; returns success."""
     q = state.q
     start = q.copy()
     if _settle(layout, body, state, has_friction, tolerance, scratch):
@@ -679,13 +681,13 @@ def _find(layout, body, state, before, has_friction, tolerance, scratch):
 
 @kernel
 def follow(layout, body, many, rows, tolerance, scratch):
-    """Equilibria under one row of controls after the other, each from that before.
+    """Equilibria under consecutive rows of controls, each starting from the previous one.
 
     Args:
         layout, body: The robot.
-        many: The same with an imaginary step in each of the parameters, (p, ...); of none, no
-            derivatives are made.
-        rows: Controls, and what they lead to, which is set.
+        many: The same with an imaginary step in each of the parameters, (p, ...); with p = 0, no
+            derivatives are computed.
+        rows: Controls, and results, which are set.
         tolerance: [N m].
         scratch: Of the robot.
     """

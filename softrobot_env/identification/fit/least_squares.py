@@ -1,8 +1,8 @@
-"""Robust regularised least squares, what it leaves open, and honest spreads.
+"""Robust regularised least squares, undetermined combinations, and realistic uncertainties.
 
-Residuals along a path depend on each other: what the model lacks at one row it lacks at the next.
-Their number that counts is that of rows over the integrated correlation time, by which the data's
-weight is reduced.
+Residuals along a path are correlated: a model error at one row persists at the next. The effective
+number of residuals is that of rows over the integrated correlation time, by which the weight of the
+data is reduced.
 """
 
 from collections.abc import Callable
@@ -21,11 +21,11 @@ from .model import Simulated, StaticModel
 
 _STEPS = 25
 _LEAST = 1e-4  # relative decrease of the cost at which a search ends
-_ROUGH = 3e-3  # of searches whose weights change afterwards
+_ROUGH = 3e-3  # for searches whose weights change afterwards
 _DAMPING, _RULE = 1e-3, Damping(factor=5, least=1e-7, tries=6)
-_OUTLYING = 5.0  # standard deviations, beyond which a residual says nothing of the rest
+_OUTLYING = 5.0  # standard deviations beyond which a residual is an outlier
 _ROUNDS = 2  # of weights from residuals
-_REPEATS = 30  # until a deviation and the parameters determined by it agree
+_REPEATS = 30  # until a deviation and the number of parameters that it determines agree
 
 #: 95 % of a normal distribution lie within so many standard deviations.
 NORMAL_95 = 1.959964
@@ -36,13 +36,13 @@ ProgressCallback = Callable[[int, float], None]
 
 @dataclass(frozen=True)
 class Weights:
-    """How much residuals count.
+    """Weights of the residuals.
 
     Attributes:
-        scale: [m], beyond which a row counts less and less (soft L1).
-        deviation: [m], standard deviation of a coordinate, as if rows were independent of each
-            other: larger than the true one by the root of their correlation time.
-        correlation: Rows that a residual lasts.
+        scale: [m], beyond which a row has decreasing weight (soft L1).
+        deviation: [m], standard deviation of a coordinate for independent rows: larger than the
+            true one by the root of their correlation time.
+        correlation: Correlation time of residuals, in rows.
     """
 
     scale: float
@@ -52,17 +52,17 @@ class Weights:
 
 @dataclass(frozen=True)
 class Fit:
-    """What a search found.
+    """Result of a search.
 
     Attributes:
-        x: (p,) parameters, zero where they were not free.
+        x: (p,) parameters, zero if not free.
         free: (p,) bool.
-        simulated: The model there.
-        weights: By which.
-        root: (f, f) of the prior's covariance, of free ones: they are root @ white.
-        information: (f, f) of the data on white, of which the prior has the identity.
-        covariance: (p, p) of the parameters, that of the prior where they were not free.
-        steps: It took.
+        simulated: The model's result there.
+        weights: Weights of the residuals.
+        root: (f, f), root of the prior's covariance of the free parameters, which are root @ white.
+        information: (f, f), information of the data about white; that of the prior is the identity.
+        covariance: (p, p) of the parameters; that of the prior for those not free.
+        steps: Number of steps.
     """
 
     x: ndarray
@@ -81,9 +81,9 @@ class Fit:
 
 
 def correlation_time(error: ndarray, runs: ndarray) -> float:
-    """Rows that errors (t, k, 3) last: 1 + 2 the sum of their correlations, up to the first zero.
+    """Correlation time of errors (t, k, 3) in rows: 1 + 2 sum of correlations up to the first zero.
 
-    Rows of different runs count as unrelated.
+    Rows of different runs count as uncorrelated.
     """
     values = np.nan_to_num(centred(error)).reshape(len(error), -1)
     total = float(np.sum(values**2))
@@ -102,19 +102,19 @@ def correlation_time(error: ndarray, runs: ndarray) -> float:
 def clustered(
     slopes: ndarray, left: ndarray, normal: ndarray, variance: float, runs: ndarray
 ) -> ndarray:
-    """Covariance of least squares whose model lacks something: of noise, and of what it lacks.
+    """Covariance of least squares due to noise and to model errors.
 
-    What the model lacks pulls each run another way. Their scatter shows how much that matters:
+    Model errors pull each run in another direction. The scatter of the runs shows their effect:
     N^-1 (sum of g g') N^-1 over the gradients g of w runs (Liang and Zeger, Biometrika 73, 1986),
-    times w / (w - 1), and as runs are few by Student's t of w - 1 over the normal quantile. One
-    run scatters nothing: then it is noise alone.
+    times w / (w - 1), and, because runs are few, Student's t of w - 1 over the normal quantile. A
+    single run has no scatter: then only the noise is counted.
 
     Args:
         slopes: (t, ..., p) derivatives of residuals; NaN where unknown.
         left: (t, ...) residuals.
         normal: (p, p) matrix N of the normal equations, a prior's part included.
-        variance: Of the residuals, by which N is weighted.
-        runs: (t,) number of each row's run.
+        variance: Of the residuals, the weight of N.
+        runs: (t,) index of each row's run.
     """
     noise = inv(normal)
     pulls = []
@@ -130,7 +130,7 @@ def clustered(
 
 
 def with_blocks(fit: Fit, blocks: ndarray) -> Fit:
-    """A fit whose covariance counts how blocks (t,) of rows disagree, see `clustered`."""
+    """A fit whose covariance includes the disagreement of blocks (t,) of rows, see `clustered`."""
     found, weights, by = fit.simulated, fit.weights, np.ix_(fit.free, fit.free)
     square = np.nansum(found.error**2, axis=-1, keepdims=True) / weights.scale**2
     left = found.error / np.sqrt(1 + square)
@@ -141,7 +141,7 @@ def with_blocks(fit: Fit, blocks: ndarray) -> Fit:
 
 
 class _Point(NamedTuple):
-    """Parameters (p,), what they make of some rows, and what that costs."""
+    """Parameters (p,), the simulated rows, and their cost."""
 
     x: ndarray
     simulated: Simulated
@@ -160,18 +160,18 @@ def search(
     least: float = _LEAST,
     show: ProgressCallback | None = None,
 ) -> Fit:
-    """Levenberg's and Marquardt's method on the robust cost and the prior.
+    """Levenberg-Marquardt method for the robust cost and the prior.
 
     Args:
         model: The robot.
-        x: (p,) where to begin.
-        free: (p,) bool, which to change.
+        x: (p,) start.
+        free: (p,) bool, parameters to change.
         weights: Of the rows.
-        used: (t,) bool, rows whose markers count; all unless given.
-        has_friction: Whether friction counts.
-        steps: At most.
+        used: (t,) bool, rows whose markers are used; by default all.
+        has_friction: Whether to include friction.
+        steps: Largest number of steps.
         least: Relative decrease of the cost at which it ends.
-        show: Called after each.
+        show: Called after each step.
     """
     prior, by = model.unknowns.prior, np.ix_(free, free)
     root, mean = cholesky(prior[by]), model.unknowns.mean[free]
@@ -182,7 +182,7 @@ def search(
         cost = _data_cost(found, weights, used) + 0.5 * float(np.sum(away**2))
         return _Point(x, found, cost)
 
-    def normal(here: _Point) -> tuple[ndarray, ndarray]:  # in coordinates whose prior is white
+    def normal(here: _Point) -> tuple[ndarray, ndarray]:  # in coordinates with a white prior
         information, gradient = _normal(here.simulated, weights, used)
         return root.T @ information @ root, root.T @ gradient
 
@@ -223,7 +223,7 @@ def fitted(
     start: Weights,
     show: ProgressCallback | None = None,
 ) -> Fit:
-    """`search`, with weights from the residuals of a first one."""
+    """`search`, with weights from the residuals of a first search."""
     weights, fit = start, None
     for _ in range(_ROUNDS):
         fit = search(model, x if fit is None else fit.x, free, weights, least=_ROUGH, show=show)
@@ -233,10 +233,10 @@ def fitted(
 
 
 def pays(simple: Fit, other: Fit) -> bool:
-    """Whether more parameters explain the rows so much better that they are there.
+    """Whether additional parameters are supported by the rows.
 
-    By the Bayesian information criterion: each has to lessen the cost by half of the logarithm of
-    the number of independent residuals. Both fits count by the weights of the simple one.
+    By the Bayesian information criterion: each must reduce the cost by half of the logarithm of the
+    number of independent residuals. Both fits use the weights of the simple one.
     """
     weights = simple.weights
     rows = np.isfinite(simple.simulated.error).sum() / weights.correlation
@@ -246,7 +246,7 @@ def pays(simple: Fit, other: Fit) -> bool:
 
 
 def _data_cost(found: Simulated, weights: Weights, used: ndarray | None = None) -> float:
-    """What the residuals cost: half of their squares over their variance where they are small."""
+    """Cost of the residuals: for small ones half of their squares over their variance."""
     square = np.nansum(found.error**2, axis=-1) / weights.scale**2
     if used is not None:
         square = square * used[:, None]
@@ -254,13 +254,13 @@ def _data_cost(found: Simulated, weights: Weights, used: ndarray | None = None) 
 
 
 def weights_of(fit: Fit, model: StaticModel) -> Weights:
-    """Weights by the residuals of a fit."""
+    """Weights from the residuals of a fit."""
     error = fit.simulated.error
     known = error[~np.isnan(error)]
     spread = 1.4826 * float(np.median(np.abs(known - np.median(known))))
     near = np.clip(known, -_OUTLYING * spread, _OUTLYING * spread)
     spread = max(spread, 0.5 * float(np.sqrt(np.mean(near**2))), 1e-9)
-    # As the cost sees them: outliers depend on nothing and would hide that the rest does.
+    # As weighted by the cost: uncorrelated outliers would hide the correlation of the rest.
     far = np.nansum(error**2, axis=-1, keepdims=True) / (2 * spread) ** 2
     time = correlation_time(error / np.sqrt(1 + far), model.recording.runs)
     shared = min(time, len(error) / 2)
@@ -269,10 +269,10 @@ def weights_of(fit: Fit, model: StaticModel) -> Weights:
 
 
 def _unspoilt(deviation: float, count: float, fit: Fit) -> float:
-    """A deviation of residuals, larger by what their fit took of them.
+    """A deviation of residuals, corrected for the degrees of freedom of their fit.
 
-    Of so many independent residuals the parameters take as many as the data determine (MacKay,
-    Neural Computation 4, 1992), which are fewer where the deviation is larger: a few rounds.
+    The parameters use up as many independent residuals as the data determine (MacKay, Neural
+    Computation 4, 1992), which are fewer for a larger deviation: this takes a few rounds.
     """
     told = np.maximum(eigh(fit.information)[0], 0.0) * fit.weights.deviation**2
     square = deviation**2
@@ -290,10 +290,10 @@ def first_weights(model: StaticModel) -> Weights:
 
 @dataclass(frozen=True)
 class Combination:
-    """Parameters that the data determine together only, or not at all.
+    """Parameters that the data determine only in combination, or not at all.
 
     Attributes:
-        information: Of the data over that of the prior: below one it is the prior that speaks.
+        information: Of the data over that of the prior: below one the prior dominates.
         parts: Label and change, over the prior's spread, largest first.
     """
 
@@ -306,9 +306,9 @@ class Combination:
 
 
 def combinations(fit: Fit, labels: list[str], most: int = 12) -> list[Combination]:
-    """Combinations of free parameters that the data say less of than the prior, least first.
+    """Combinations of free parameters less informed by data than by the prior, least first.
 
-    By singular values of the slopes, parameters in units of the prior.
+    From the singular values of the derivatives, with parameters in units of the prior.
     """
     values, vectors = eigh(fit.information)
     names = [label for label, free in zip(labels, fit.free, strict=True) if free]

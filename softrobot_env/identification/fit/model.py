@@ -1,7 +1,7 @@
 """A robot's statics as a function of unknown parameters, with exact derivatives.
 
-Constant-curvature pieces, two or more between the ends of tendons and sections, in place of the
-MuJoCo chain: a row takes 0.2 ms instead of some 5. What is found is written as a robot file and a
+It uses constant-curvature pieces, two or more between the ends of tendons and sections, instead of
+the MuJoCo chain: a row takes 0.2 ms instead of some 5. The result is written as a robot file and a
 header, and confirmed there by the chain.
 """
 
@@ -27,21 +27,21 @@ from . import kernels, unknowns
 from .kernels import TINY, Body, Layout
 from .unknowns import HOLDS, RUBS, START_COEFFICIENT, Fact, Turned, Unknowns
 
-_PIECES = 6  # at least, over all of the robot
+_PIECES = 6  # at least, for the whole robot
 _CHANNEL = 1000  # spans of a continuous channel in a piece
 _LOOSE = 2e-5  # m
-_GIVE = 0.01  # rad, of a bend of the whole robot at which friction of its backbone is whole
-_TOLERANCE = 1e-9  # of the imbalance, over the moment that bends the robot by a radian
+_GIVE = 0.01  # rad, bend of the whole robot at which friction of its backbone is fully developed
+_TOLERANCE = 1e-9  # of the imbalance, relative to the moment that bends the robot by a radian
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """What the model says of some rows.
+    """Simulated rows.
 
     Attributes:
-        error: (t, k, 3) [m] simulated less recorded markers, along the robot's axes; NaN where
+        error: (t, k, 3) [m] simulated minus recorded markers, along the robot's axes; NaN where
             they were not measured.
-        slopes: (t, k, 3, p) derivatives by the parameters; of none without.
+        slopes: (t, k, 3, p) derivatives by the parameters; p is zero without derivatives.
         turns: (t, 3 n) [rad] of the pieces.
         found: (t,) bool, whether an equilibrium was found.
         markers: (t, k, 3) [m] simulated, along the robot's axes.
@@ -58,7 +58,7 @@ class StaticModel:
     """A robot and a recording of it at rest.
 
     Attributes:
-        robot, recording: As given; the recording's columns are the robot's tendons by then.
+        robot, recording: As given; the recording's columns belong to known tendons.
         unknowns: The parameters.
         points: (t, k, 3) [m], recorded markers along the robot's axes at its base.
         spatial: Whether the robot leaves its plane.
@@ -77,16 +77,17 @@ class StaticModel:
         """Build the arrays.
 
         Args:
-            robot: As its file says.
-            recording: Of rows at rest, with known tendons.
-            turned: How the recording's axes may be turned against the robot's.
-            pieces: At least, in all; six, and two between ends of sections or tendons, unless
-                given.
-            known: Kinds of parameters that the file says exactly. Friction and backlash are
-                otherwise at least what a search can begin with.
+            robot: The robot of the file.
+                recording: Of rows at rest, with known tendons.
+                turned: How the recording's axes may be rotated relative to the robot's.
+                pieces: Least total number; by default six, and two between ends of sections or
+                tendons.
+                known: Kinds of parameters that are exact in the file. Otherwise friction and
+                backlash have at least the initial values of a search.
 
-        Raises:
-            ValueError: The model lacks what the robot has, or the recording has no markers.
+            Raises:
+                ValueError: The model does not support something that the robot has, or the
+                    recording has no markers.
         """
         _check(robot, recording)
         self.robot, self.recording = robot, recording
@@ -117,19 +118,19 @@ class StaticModel:
         self._usual = len(self.layout.sizes)
 
     def finer(self) -> "StaticModel":
-        """The same model in pieces half as long; a chain of what is found stays as it would be."""
+        """The same model with pieces half as long; chains of its results keep their resolution."""
         other = copy(self)
         other._lay(2 * len(self.layout.sizes))
         return other
 
     def with_facts(self, *facts: Fact) -> "StaticModel":
-        """The same model, of whose parameters something more is known."""
+        """The same model with additional information about its parameters."""
         other = copy(self)
         other.unknowns = replace(self.unknowns, facts=facts)
         return other
 
     def on(self, recording: Recording, gravity: ndarray | None = None) -> "StaticModel":
-        """The same model of another recording, with gravity (3,) [m/s2] along the robot's axes."""
+        """The same model for another recording, with gravity (3,) [m/s2] along the robot's axes."""
         other = copy(self)
         other.recording, other._controls = recording, recording.controls(self.robot)
         other.points = self._own(recording.markers)
@@ -138,7 +139,7 @@ class StaticModel:
         return other
 
     def _own(self, markers: ndarray) -> ndarray:
-        """Markers (t, k, 3) [m] along the robot's axes; NaN where that was not measured."""
+        """Markers (t, k, 3) [m] along the robot's axes; NaN where not measured."""
         lost = np.isnan(markers)
         points = (np.where(lost, 0.0, markers) - self._base) @ self._axes
         points[lost @ (np.abs(self._axes) > 1e-9)] = np.nan
@@ -223,7 +224,7 @@ class StaticModel:
         )
 
     def _unlike(self, x: ndarray) -> ndarray:
-        """(2,) half of the anisotropy along x less along y, and along the diagonals."""
+        """(2,) half of the anisotropy: along x minus along y, and along the diagonals."""
         robot = self.robot
         filed = robot.anisotropy / 2 * np.exp(2j * robot.stiff_azimuth)
         return np.array([filed.real, filed.imag]) + self.unknowns.take(x, "anisotropy") / 2
@@ -237,7 +238,7 @@ class StaticModel:
         return known + self._three(self.unknowns.take(x, "marker_offset"))
 
     def _three(self, values: ndarray) -> ndarray:
-        """(k, 3) coordinates from those that are unknown, x and z of a planar robot."""
+        """(k, 3) coordinates from the unknown ones, x and z for a planar robot."""
         if self.spatial:
             return values.reshape(-1, 3)
         pairs = values.reshape(-1, 2)
@@ -266,7 +267,7 @@ class StaticModel:
 
         Args:
             x: Parameters.
-            free: (p,) bool, those to derive by; none unless given.
+            free: (p,) bool, parameters to differentiate by; by default none.
             has_friction: Whether tendons have friction, and servos backlash.
         """
         by = np.zeros(0, int) if free is None else np.flatnonzero(free)
@@ -293,7 +294,7 @@ class StaticModel:
         return Simulated(error, slopes, found.turns, found.found, found.markers)
 
     def _acting(self, x: ndarray, has_friction: bool) -> Body:
-        """The arrays for parameters (p,), of a robot without friction and backlash if so asked."""
+        """The arrays for parameters (p,), optionally without friction and backlash."""
         body = self.body(x)
         if has_friction:
             return body
@@ -314,7 +315,7 @@ class StaticModel:
             points = points @ self._turn(x, "frame_turn").T
         return points + self._shift(x)
 
-    # ------------------------------------------------------------------ what was found
+    # ------------------------------------------------------------------ results
 
     def robot_of(self, x: ndarray) -> RobotParams:
         """The robot with parameters x (p,)."""
@@ -354,7 +355,7 @@ class StaticModel:
         return tuple(found)
 
     def _sections_of(self, x: ndarray, heavy: float) -> list[Section]:
-        """Sections, whose chain bends as finely as this model usually does."""
+        """Sections, whose chain has this model's usual resolution."""
         sections = self.robot.backbone.sections
         soft = np.exp(self.unknowns.take(x, "youngs_modulus"))
         held = self._holding * np.exp(self.unknowns.take(x, HOLDS))
@@ -385,7 +386,7 @@ class StaticModel:
         turn = axes @ self._turn(x, "frame_turn") @ self._axes.T
         frame = header.frame
         shift = turn @ (np.array(frame.shift_m) - self._base) + axes @ self._shift(x) + self._base
-        # A turn by zero must stay zero: a coordinate that was not measured cannot be turned.
+        # A zero rotation must stay zero: a coordinate that was not measured cannot be rotated.
         vector = turn_vector(turn @ rotation(np.radians(frame.turn_deg)))
         turned = [degrees(v) if abs(v) > 1e-12 else 0.0 for v in vector]
         frame = replace(frame, turn_deg=tuple(turned), shift_m=tuple(shift.tolist()))
@@ -447,14 +448,14 @@ def _many(bodies: list[Body], like: Body) -> Body:
 
 
 def _heavier(part: Any, factor: float) -> Any:
-    """A head or disc of so many times its mass."""
+    """A head or disc with its mass times a factor."""
     return replace(part, mass=part.mass * factor, inertia=tuple(factor * i for i in part.inertia))
 
 
 def _spans(stations: ndarray, edges: ndarray) -> ndarray:
-    """(n,) spans between guides in each piece: size over the mean square length of what is there.
+    """(n,) spans between guides in each piece: its size over their mean square length.
 
-    A span turns by its share, and what its chord lacks grows with the square.
+    A span bends by its share, and the error of its chord grows with the square.
     """
     found = np.ones(len(edges) - 1)
     lengths = np.diff(stations)

@@ -4,10 +4,10 @@ Rows of a block are correlated, and model errors differ between commands. So an 
 from whole blocks left out of the fit, including offsets and drift between them. Variances grow with
 the distance of a command from the identified ones, and are larger at the beginning of a recording,
 where friction leaves the position undetermined; both parts are fitted to the blocks. A block's
-scores are its errors over what is expected of it, and the interval takes their quantile (split
-conformal prediction, Lei et al., J. Am. Stat. Assoc. 113, 2018), wider by Student's t as the blocks
-are few. Half of what is expected is by the variances of the other blocks: those of all know the
-block already, and without one that sticks for long the others expect nothing.
+scores are its errors over the expected ones, and the interval takes their quantile (split conformal
+prediction, Lei et al., J. Am. Stat. Assoc. 113, 2018), wider by Student's t as the blocks are few.
+Half of the expected error is from the variances of the other blocks: those of all blocks include
+the block itself, and without a block that sticks for long the others expect too little.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ PREDICTION_FILE = "prediction.npz"
 
 _ROUNDS = 10
 _LEAST = 0.01  # of the mean square, below which no row's variance is
-_SLIGHT = 0.01  # of a tendon's identified range, beyond which leaving it is said
+_SLIGHT = 0.01  # of a tendon's identified range, by which it must be left to be reported
 
 
 @dataclass(frozen=True)
@@ -79,15 +79,14 @@ class Prediction:
     """Expected errors of a recording at rest.
 
     Attributes:
-        parts: (k, 3) [m], half width of the 95 % interval of a marker's distance: at commands
-            that were identified; what the distance from them adds, times the distance; and what is
-            added at the begin of a run, less with the way of the commands since. They add up by
-            squares.
-        factor: (k,) by which few blocks widened it.
-        controls: (n, n_tendons) [N] or [m], that were identified.
+        parts: (k, 3) [m], half width of the 95 % interval of a marker's distance, as three parts
+            that add up by squares: at identified commands; per distance from them; and at the
+            beginning of a run, decreasing with the travel of the commands since.
+        factor: (k,) by which the interval is widened because blocks are few.
+        controls: (n, n_tendons) [N] or [m], the identified ones.
         scale: [N] or [m], unit of their distances: the largest standard deviation of a tendon's.
         by_length: Whether they are lengths, 0 or 1.
-        tested: Largest distance of a command of a block left out from those of all others.
+        tested: Largest distance of a left-out block's command from those of all others.
     """
 
     parts: ndarray
@@ -102,7 +101,7 @@ class Prediction:
         return KDTree(self.controls / self.scale).query(controls / self.scale)[0]
 
     def radius(self, controls: ndarray, begins: ndarray) -> ndarray:
-        """(t, k) [m], within which 95 % of an unseen recording's markers are of the simulated.
+        """(t, k) [m], distance within which 95 % of an unseen recording's markers lie.
 
         Args:
             controls: (t, n_tendons).
@@ -114,11 +113,11 @@ class Prediction:
     def judged(
         self, robot: RobotParams, recording: Recording, distance: ndarray
     ) -> "Judgement | None":
-        """Whether a replay of rows at rest is as expected; None where it was driven otherwise.
+        """Whether a replay of rows at rest is as expected; None for another kind of drive.
 
         Args:
-            robot: That was identified.
-            recording: That was replayed.
+            robot: The identified robot.
+            recording: The replayed recording.
             distance: (t, k) [m] of simulated and recorded markers; NaN where unknown.
         """
         if recording.drive(robot) != ("length" if self.by_length else "tension"):
@@ -163,12 +162,12 @@ def read_prediction(path: Path) -> Prediction:
 
 
 def predicted(controls: ndarray, by_length: bool, error: ndarray, blocks: ndarray) -> Prediction:
-    """Draw intervals.
+    """Compute intervals.
 
     Args:
         controls: (t, n_tendons) [N] or [m].
         by_length: Whether they are lengths.
-        error: (t, k, 3) [m] of rows whose block was left out; NaN where unknown.
+        error: (t, k, 3) [m] of each row, with its block left out; NaN where unknown.
         blocks: (t,) number of the block.
     """
     scale = max(float(controls.std(axis=0).max()), 1e-12)
@@ -187,13 +186,13 @@ def predicted(controls: ndarray, by_length: bool, error: ndarray, blocks: ndarra
 
 
 def _since(controls: ndarray, begins: ndarray) -> ndarray:
-    """(t,) way of controls (t, n_tendons) since the run began."""
+    """(t,) travel of controls (t, n_tendons) since the run began."""
     way = np.cumsum(np.linalg.norm(np.diff(controls, axis=0, prepend=controls[:1]), axis=1))
     return way - way[np.maximum.accumulate(np.where(begins, np.arange(len(way)), 0))]
 
 
 def _features(away: ndarray, since: ndarray) -> ndarray:
-    """(t, 3) by which the parts of a variance count."""
+    """(t, 3) factors of the parts of a variance."""
     return np.stack([np.ones_like(away), away**2, np.exp(-since)], axis=1)
 
 
@@ -216,9 +215,9 @@ def _interval(distance: ndarray, features: ndarray, blocks: ndarray) -> tuple[nd
 
 
 def _variance(features: ndarray, squares: ndarray) -> ndarray:
-    """Parts (3,) of a variance, as squares (t,) of normal numbers are likeliest; none negative.
+    """Likeliest parts (3,) of a variance, for squares (t,) of normal numbers; not negative.
 
-    Least squares, time and again weighted by what they found.
+    Iteratively reweighted least squares.
     """
     expected = np.full(len(squares), max(float(squares.mean()), 1e-30))
     for _ in range(_ROUNDS):

@@ -56,7 +56,7 @@ def at_rest(recording: Recording, dithered: ndarray | None = None) -> Recording:
         seen = np.nan_to_num(recording.markers[last])
         if np.nanmax(np.ptp(seen, axis=0)) > _STILL * reach + 4 * _noise(seen):
             continue
-        rows.append(last[0])  # the last ones may begin to go on
+        rows.append(last[0])  # the robot may already move in the last ones
         markers.append(recording.markers[last].mean(axis=0))
     known = sum(np.isfinite(seen).any() for seen in markers)
     if known < FEWEST:

@@ -227,7 +227,7 @@ class Unknowns:
 
     @property
     def labels(self) -> list[str]:
-        """(p,) names for people."""
+        """(p,) labels."""
         return [f"{g.name}: {label}" for g in self.groups for label in g.labels]
 
     @property
