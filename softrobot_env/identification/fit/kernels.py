@@ -413,7 +413,7 @@ def _add_weight_tangent(layout, body, q, scratch):
 
 @kernel
 def _add_own_weight(size, phi, i, mass, lever, gravity, scratch):
-    """Add how a weight, mass [kg] and lever [kg m], changes its force on piece i by its rotation."""
+    """Add how the force of a weight [kg, kg m] on piece i changes with its rotation."""
     axes, zero = scratch.real.axes, 0.0 * phi[0]
     pull, beyond = to_axes(_frame(axes[i]), gravity), to_axes(_frame(axes[i + 1]), lever)
     for j in range(3):
