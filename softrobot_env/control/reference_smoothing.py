@@ -52,7 +52,7 @@ def smoothed(
         acceleration: [m/s2], largest of the motion that replaces a jump from rest.
         memory: Offset [m] with velocity and acceleration (d,) each at the jump, age and duration
             [s] of the motion, reference (d,) previewed for now; updated.
-            points: (k, d) [m], references at these times, modified.
+        points: (k, d) [m], references at these times, modified.
     """
     d = len(target)
     start, motion, announced = memory[: 3 * d].reshape(3, d), memory[3 * d :], memory[3 * d + 2 :]

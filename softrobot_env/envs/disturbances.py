@@ -144,11 +144,11 @@ class Periphery:
 
         Args:
             which: Indices of the robots.
-                values: (n,) of variations by name.
-                command: (k, n_tendons) [N or m].
+            values: (n,) of variations by name.
+            command: (k, n_tendons) [N or m].
 
-            Returns:
-                (k, n_tendons) [N or m], what the drives apply.
+        Returns:
+            (k, n_tendons) [N or m], what the drives apply.
         """
         gain = values["tension_gain"]
         delay = np.rint(values["delay"] / self._parts.control_period).astype(int)
@@ -171,11 +171,11 @@ class Periphery:
 
         Args:
             which, values: See `start_drives`.
-                generators: Of n robots, for the seeds.
-                exact: The exact measurements.
+            generators: Of n robots, for the seeds.
+            exact: The exact measurements.
 
-            Returns:
-                Whether noise was switched on or off, so that `readout` must be replaced.
+        Returns:
+            Whether noise was switched on or off, so that `readout` must be replaced.
         """
         scale, parts = values["sensor_noise"], self._parts
         changed = bool(scale.any()) != (self.noise is not None)

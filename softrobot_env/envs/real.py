@@ -554,11 +554,11 @@ def wait_for_rest(look: Callable[[], TipMeasurement | None], source: str) -> Non
 
     Args:
         look: Returns the newest measurement of the tip, None before the first.
-            source: Description of the tip source in the robot file.
+        source: Description of the tip source in the robot file.
 
-        Raises:
-            LinkError: No measurement arrives.
-            NotStillError: The tip keeps moving.
+    Raises:
+        LinkError: No measurement arrives.
+        NotStillError: The tip keeps moving.
     """
     begin = monotonic()
     since, place = begin, _first_sight(look, source).position

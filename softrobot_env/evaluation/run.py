@@ -108,13 +108,13 @@ def run_episode(
         seed, options: Passed to `reset`.
         progress: Shows the time [s] in the episode occasionally.
 
-        Returns:
-            The record. After a failure it ends at the last instant before it. If `info` has a
-            `tip_age`, the tip's measurements are interpolated from their own times to the control
-            instants. The record has no curvature if it is not observed.
+    Returns:
+        The record. After a failure it ends at the last instant before it. If `info` has a
+        `tip_age`, the tip's measurements are interpolated from their own times to the control
+        instants. The record has no curvature if it is not observed.
 
-        Raises:
-            ValueError: The environment does not provide the recorded observables.
+    Raises:
+        ValueError: The environment does not provide the recorded observables.
     """
     check_observed(env, RECORDED)
     axes = getattr(env.unwrapped, "axes", _PLANE)

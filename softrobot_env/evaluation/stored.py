@@ -47,11 +47,11 @@ def read(folder: Path, kinds: Iterable[type[Record]]) -> list[Record]:
 
     Args:
         folder: Folder of `write`; the report may be compressed with gzip.
-            kinds: Their classes, or base classes.
+        kinds: Their classes, or base classes.
 
-        Raises:
-            FileNotFoundError: There is no report.
-            ValueError: The report or `drawn.npz` is damaged or belongs to another study.
+    Raises:
+        FileNotFoundError: There is no report.
+        ValueError: The report or `drawn.npz` is damaged or belongs to another study.
     """
     path = _report(folder)
     rows = _rows(path)

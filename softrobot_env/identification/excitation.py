@@ -388,13 +388,13 @@ def excite(
 
     Args:
         env: Environment, usually a `RecordEpisodes`, whose `label` is updated.
-            plan: The commands.
-            limits: Of tension and radius, see `Excitation`.
-            seed, options: Of the reset.
-            progress: Called occasionally with the number of steps.
+        plan: The commands.
+        limits: Of tension and radius, see `Excitation`.
+        seed, options: Of the reset.
+        progress: Called occasionally with the number of steps.
 
-        Returns:
-            Why it ended early, or None.
+    Returns:
+        Why it ended early, or None.
     """
     env.label = str(plan.labels[0])
     observation, _ = env.reset(seed=seed, options=options)

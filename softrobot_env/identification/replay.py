@@ -288,11 +288,11 @@ def replay(
         robot: The robot.
         plant: One of `beams.registry.PLANTS`.
         twin: For a robot driven by length, the simulated twin, or the seed of one.
-            progress: Called occasionally.
+        progress: Called occasionally.
 
-        Raises:
-            ValueError: The commands do not fit the robot, a marker is not on it, or the model does
-                not support something that the robot has.
+    Raises:
+        ValueError: The commands do not fit the robot, a marker is not on it, or the model does not
+            support something that the robot has.
     """
     if not recording.header.marker:
         raise ValueError("the recording has no markers: nothing can be compared")

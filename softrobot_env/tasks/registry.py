@@ -64,14 +64,13 @@ def register_task(
         name: Its name.
         maker: Makes the task from its options, keyword arguments that are numbers with defaults.
             The maker of a task for any robot takes the robot as its first argument.
-            robot: The robot that the task belongs to, or its name or file; the task can then be
-            found by name alone unless another task has this name. By default the task is for any
-            robot.
-            replace: Whether it may replace another task of this name.
+        robot: The robot that the task belongs to, or its name or file; the task can then be found
+            by name alone unless another task has this name. By default the task is for any robot.
+        replace: Whether it may replace another task of this name.
 
-        Raises:
-            ValueError: The name is taken, or the maker has a wrong signature.
-            TypeError: The maker is not a function.
+    Raises:
+        ValueError: The name is taken, or the maker has a wrong signature.
+        TypeError: The maker is not a function.
         OSError: The robot's file cannot be read.
     """
     check_name("task", name)

@@ -123,8 +123,8 @@ class ScheduledMPC(aiming.AimingLaw):
             control_period: [s] between calls.
             gains: See `ScheduledLaw`.
 
-            Raises:
-                ValueError, FileNotFoundError: As there.
+        Raises:
+            ValueError, FileNotFoundError: As there.
             ImportError: The solver of the quadratic programs is not installed.
         """
         timing, estimate = self.settings.timing(robot), self.settings.estimate

@@ -25,7 +25,7 @@ class Table(NamedTuple):
         directions: (k, 3), unit vectors along which the tip can be controlled.
         moment_arms: (m, n) [N m], of a robot driven by length: how much the tension of a tendon
             falls as the curvatures grow; zeros for others.
-            rows: (points, size), one row for each point, see `split`.
+        rows: (points, size), one row for each point, see `split`.
     """
 
     n: int

@@ -94,8 +94,8 @@ class Pool:
             count: Number n.
             threads: Number of threads that share the work.
 
-            Raises:
-                RuntimeError: MuJoCo's error.
+        Raises:
+            RuntimeError: MuJoCo's error.
         """
         self._c, self.count, self._model = _library(), count, model
         self._process = os.getpid()

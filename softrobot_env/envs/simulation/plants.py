@@ -192,12 +192,11 @@ class BeamPlant(_Plant):
             control_period: [s].
             factory: Builds the model of a robot.
             speed: [m/s], limit of the tip's speed; by default that of the robot.
-                axes: Measured coordinates of the tip, see `MujocoPlant`.
-                **scene_options: Of `SceneConfig`, instead of those chosen by `scene_of`.
+            axes: Measured coordinates of the tip, see `MujocoPlant`.
+            **scene_options: Of `SceneConfig`, instead of those chosen by `scene_of`.
 
-            Raises:
-                ValueError: The robot has dry friction, or something that the model does not
-                    support.
+        Raises:
+            ValueError: The robot has dry friction, or something that the model does not support.
         """
         super().__init__(robot, control_period, speed, axes, scene_options)
         self.config = replace(self.config, pieces=self.config.n_pieces)

@@ -208,8 +208,8 @@ class WarpBatch:
         Args:
             which: The simulations of interest; all are advanced.
 
-            Returns:
-                (n,) bool, whether each has diverged: not finite, or beyond MuJoCo's limit.
+        Returns:
+            (n,) bool, whether each has diverged: not finite, or beyond MuJoCo's limit.
         """
         choice = self.scene.timestep
         for number in range(choice.substeps):

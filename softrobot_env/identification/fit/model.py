@@ -78,16 +78,15 @@ class StaticModel:
 
         Args:
             robot: The robot of the file.
-                recording: Of rows at rest, with known tendons.
-                turned: How the recording's axes may be rotated relative to the robot's.
-                pieces: Least total number; by default six, and two between ends of sections or
-                tendons.
-                known: Kinds of parameters that are exact in the file. Otherwise friction and
-                backlash have at least the initial values of a search.
+            recording: Of rows at rest, with known tendons.
+            turned: How the recording's axes may be rotated relative to the robot's.
+            pieces: Least total number; by default six, and two between ends of sections or tendons.
+            known: Kinds of parameters that are exact in the file. Otherwise friction and backlash
+                have at least the initial values of a search.
 
-            Raises:
-                ValueError: The model does not support something that the robot has, or the
-                    recording has no markers.
+        Raises:
+            ValueError: The model does not support something that the robot has, or the recording
+                has no markers.
         """
         _check(robot, recording)
         self.robot, self.recording = robot, recording
