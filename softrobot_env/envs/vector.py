@@ -153,7 +153,7 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
         Raises:
             ValueError: A wrong number of real numbers, or one beyond [-1, 1] by more than 1e-6.
             RuntimeError: This is a forked child of the process that made the environments.
-                gymnasium.error.ResetNeeded: No episode was started, or one is over and autoreset is
+            gymnasium.error.ResetNeeded: No episode was started, or one is over and autoreset is
                 disabled.
         """
         if not self._started or (self._mode == AutoresetMode.DISABLED and self._done.any()):
