@@ -113,6 +113,6 @@ def _picture(env: Any, args: Namespace, info: dict[str, Any]) -> Any:
 def _outcome(info: dict[str, Any]) -> str:
     verdict = info.get("failure") or ("success" if info["success"] else "no success")
     return (
-        f"bar of {1e3 * info['diameter']:.1f} mm: {verdict}; error {info['error']:.2f} of what "
-        f"counts as success, after {info['time']:.2f} s"
+        f"bar of {1e3 * info['diameter']:.1f} mm: {verdict}; error {100 * info['error']:.0f} % of "
+        f"the limit, after {info['time']:.2f} s"
     )

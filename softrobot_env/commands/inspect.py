@@ -77,7 +77,7 @@ def _inspect_robot(args: Namespace) -> int:
     config = replace(scene_of(find_robot(args.robot)), **scene_options(args))
     if args.workspace:
         check_free(picture_of(config.robot, args.out), overwrite=args.overwrite)
-    own = {"bends": f"{config.bending}, {'twists' if config.torsion else 'without torsion'}"}
+    own = {"bending": f"{config.bending}, {'twists' if config.torsion else 'without torsion'}"}
     title = f"Robot {config.robot.name}"
     _print(build_scene(config), title, [] if config.torsion else ["torsion"], own)
     if args.workspace:
@@ -159,10 +159,10 @@ def _resting(scene: Scene) -> dict[str, str]:
     beyond = "warning: " if found.error > wanted or found.lost else ""
     visible = "warning: " if found.left_out > STRAINED * length else ""
     return {
-        "error in space": f"{beyond}{1e3 * wanted:.3g} mm wanted, {1e3 * found.error:.2g} mm "
+        "error in space": f"{beyond}{1e3 * wanted:.3g} mm requested, {1e3 * found.error:.2g} mm "
         + where,
-        "stretch and shear": f"{visible}left out, would move it by {1e3 * found.left_out:.2g} mm, "
-        f"{100 * found.left_out / length:.2g} % of its length",
+        "stretch and shear": f"{visible}neglected, would move the tip by "
+        f"{1e3 * found.left_out:.2g} mm, {100 * found.left_out / length:.2g} % of its length",
     }
 
 
@@ -204,7 +204,7 @@ def _timing(scene: Scene) -> dict[str, str]:
 
     choice, found = scene.timestep, probe(scene)
     limit = "none" if isinf(choice.stability_limit) else f"{1e3 * choice.stability_limit:.4g} ms"
-    wanted = "" if choice.accuracy is None else f"{1e3 * choice.accuracy:.3g} mm wanted, "
+    wanted = "" if choice.accuracy is None else f"{1e3 * choice.accuracy:.3g} mm requested, "
     return {
         "integrator": choice.integrator,
         "timestep": f"at most {1e3 * choice.timestep:.4g} ms, {choice.substeps} or more per "

@@ -21,7 +21,7 @@ COMMANDS: Registry[Command] = Registry(
         "evaluate": ("evaluate", "run policies on tasks; write report.json, report.md and plots"),
         "render": ("render", "write a video of a policy on a task"),
         "view": ("view", "open an interactive viewer with actuator sliders"),
-        "grip": ("grip", "close a gripper on a bar and write a video"),
+        "grip": ("grip", "close a gripper on a bar; write a video with --out"),
         "benchmark": ("benchmark", "run a study of accuracy, speed or control"),
         "train": ("train", "train what a policy has to learn about a robot"),
         "tune": ("tune", "search for training settings with Ray Tune"),

@@ -22,7 +22,7 @@ def _check(args: Namespace) -> int:
         config = scene_of(robot)
         model = build_scene(config).model
     text = (
-        f"{args.file}: good: robot {robot.name}, {robot.length:g} m in "
+        f"{args.file}: OK: robot {robot.name}, {robot.length:g} m in "
         f"{len(robot.backbone.sections)} section(s), {len(robot.tendons)} tendon(s) driven by "
         f"{robot.drive.kind}, {len(robot.discs)} disc(s), "
         f"{len(robot.sensors)} sensor(s), {config.bending}, {model.nv} DOFs"
@@ -35,7 +35,7 @@ def _check(args: Namespace) -> int:
 COMMANDS = {
     "check": (
         command(EXAMPLE, "file FILE  a robot file", _check),
-        "say whether a robot file is good, or what is wrong",
+        "check a robot file, and say what is wrong with it",
     )
 }
 

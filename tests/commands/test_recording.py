@@ -21,7 +21,7 @@ def pulls(tmp_path, capsys):
     path = tmp_path / "pulls.csv"
     assert called(FINGER, "--static --out", path) == 0
     said = capsys.readouterr().out
-    assert "to 0.5, 0.5, 0.5, 0.5 of full scale" in said and "Wrote 8 rows" in said
+    assert "up to 0.5, 0.5, 0.5, 0.5 of full scale" in said and "Wrote 8 rows" in said
     return path
 
 

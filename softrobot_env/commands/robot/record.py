@@ -72,7 +72,7 @@ def _run(args: Namespace) -> int:
     robot = default_robot(on_a_line=True) if args.robot is None else find_robot(args.robot)
     planned = excitation.plan(robot, _excitation(args), args.control_period)
     scales = ", ".join(f"{scale:.2g}" for scale in planned.scales)
-    say(f"{planned.duration:.0f} s, to {scales} of full scale")
+    say(f"{planned.duration:.0f} s of commands, up to {scales} of full scale")
     recording, stopped = _recorded(args, robot, planned)
     if stopped:
         say(f"Stopped {stopped}", markup=False, soft_wrap=True)
@@ -80,7 +80,7 @@ def _run(args: Namespace) -> int:
         recording, moved = excitation.at_rests(recording, planned)
         say(f"At the ends of rests the tip moved by up to {1e3 * moved:.2g} mm")
     write_recording(recording, args.out)
-    say(f"Wrote {len(recording.times)} rows to {args.out}, and its header beside it")
+    say(f"Wrote {len(recording.times)} rows to {args.out}, with a header file")
     return int(bool(stopped))
 
 
