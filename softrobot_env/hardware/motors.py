@@ -590,7 +590,8 @@ class MotorRobot(Hardware):
                 wrong[motor.id, code] = since = self._since.get((motor.id, code), now)
                 if self.fault is None and now - since >= lasting * self.robot.patience:
                     who = f"motor {motor.id} (tendon {motor.tendon}) "
-                    self._trip(code, int(self._tendon[k]), value, who + text)
+                    lasted = f" for {now - since:.2g} s" if lasting and now > since else ""
+                    self._trip(code, int(self._tendon[k]), value, who + text + lasted)
         self._since = wrong
 
     def _wrong(
