@@ -6,6 +6,7 @@ library of the user's cache, which takes a second or two.
 
 import contextlib
 import ctypes
+import gc
 import hashlib
 import os
 import select
@@ -378,6 +379,14 @@ class VirtualRobot:
 
     def run(self, stop: Event) -> None:
         """Serve until `stop` is set or the plant fails."""
+        gc.collect()
+        gc.freeze()  # to look through all that is there for garbage stalls the line
+        try:
+            self._run(stop)
+        finally:
+            gc.unfreeze()
+
+    def _run(self, stop: Event) -> None:
         due = monotonic()
         while not stop.is_set() and self.failure is None:
             due += self._plant.tick
