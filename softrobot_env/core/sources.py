@@ -28,6 +28,7 @@ _SHOWING = (
     "softrobot_env.core.sources",
     "softrobot_env.rendering.figures",
     "softrobot_env.rendering.tables",
+    "studies",
 )
 
 #: Before what this run depends on was loaded.
@@ -82,7 +83,7 @@ def recorded() -> dict[str, str]:
 
 def changed(record: Mapping[str, str]) -> list[str]:
     """Names whose content is another one than that `recorded`, or that are gone."""
-    places = {name: _place(name) for name in record}
+    places = {name: _place(name) for name in record if name not in _SHOWING}
     return [k for k, place in places.items() if place is None or digest(place) != record[k]]
 
 
