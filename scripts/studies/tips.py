@@ -289,10 +289,10 @@ STUDY = Study(
     measure=measure,
     label=lambda case: case[0],
     tables=[
-        table(f"{title}, by tags and trackers", "source", "case", *columns)
+        table(f"{title}, by source", "source", "case", *columns)
         for title, columns in {
-            "Where the tip is": ("count", "refused", "e_mean", "e_max", "turn_max"),
-            "When that is known": ("latency", "latency_max", "stamp", "cpu"),
+            "Error of the tip": ("count", "refused", "e_mean", "e_max", "turn_max"),
+            "Latency of the tip": ("latency", "latency_max", "stamp", "cpu"),
         }.items()
     ],
     note=f"tags: {1e3 * SIZE:g} mm, at 0.5 m or 1 m (far), of a camera with {LENS.size[0]} x "

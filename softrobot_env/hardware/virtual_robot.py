@@ -380,7 +380,7 @@ class VirtualRobot:
     def run(self, stop: Event) -> None:
         """Serve until `stop` is set or the plant fails."""
         gc.collect()
-        gc.freeze()  # to look through all that is there for garbage stalls the line
+        gc.freeze()  # a full collection would stall the line
         try:
             self._run(stop)
         finally:

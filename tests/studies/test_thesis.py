@@ -104,8 +104,8 @@ def test_quadrature_needs_order_eight_and_ours_is_exact(rows):
     ]
     assert 2 < np.log2(errors[0] / errors[1]) < 4
     times = {r.x: r.y for r in rows if r.figure == "2.9" and r.case == "legendre"}
-    # The order counts along the element alone: the section's moments are known beforehand. By how
-    # much, about three times, a busy machine does not say.
+    # The order counts along the element alone: the section's moments are known beforehand. The
+    # ratio is about three, which a busy machine does not measure reliably.
     assert times[20.0] > 1.2 * times[4.0]
 
 
