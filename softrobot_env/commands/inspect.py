@@ -155,7 +155,7 @@ def _resting(scene: Scene) -> dict[str, str]:
     found, config = scene.discretization, scene.config
     wanted, length = config.wanted_accuracy, config.robot.length
     where = f"at rest under {found.inputs} inputs all over their range"
-    where += f", {found.lost} of which it does not stand under" if found.lost else ""
+    where += f", at {found.lost} of which it has no equilibrium" if found.lost else ""
     beyond = "warning: " if found.error > wanted or found.lost else ""
     visible = "warning: " if found.left_out > STRAINED * length else ""
     return {

@@ -29,7 +29,7 @@ from .linking import CalledLibrary, KernelCompiler
 
 #: What is said while machine code is made of it, and from which size [bytes] of its file at once:
 #: that takes a second or more.
-_TEXT, _LONG = "making machine code of the integrator, once", 50_000
+_TEXT, _LONG = "compiling the integrator to machine code, once", 50_000
 
 #: How Numba begins the names of functions that C code calls.
 _ENTRY = "cfunc."

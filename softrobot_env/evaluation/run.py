@@ -20,6 +20,7 @@ from .rollout import Rollout
 _PLANE = slice(0, 3, 2)
 
 _NOTHING = np.empty(0)
+_BLOCK = 4096  # rows, of columns
 
 #: Seconds between progress reports, rare enough not to affect measured times.
 _REPORT_EVERY = 0.5
@@ -145,28 +146,35 @@ class Columns:
     """Columns of numbers that grow row by row, with little memory.
 
     Storing moments would take some thirty times as much, and their page faults would affect policy
-    times.
+    times. They grow by blocks, as doubling a long one would stall what adds to it.
     """
 
     def __init__(self) -> None:
-        self._columns: dict[str, ndarray] = {}
+        self._blocks: list[dict[str, ndarray]] = []
         self._count = 0
 
     def add(self, row: dict[str, Any]) -> None:
         """Add a row of arrays or numbers, with the same names every time."""
+        place = self._count % _BLOCK
+        if place == 0:
+            first = {name: np.asarray(value) for name, value in row.items()}
+            self._blocks.append(
+                {
+                    name: np.empty((_BLOCK, *value.shape), value.dtype)
+                    for name, value in first.items()
+                }
+            )
+        block = self._blocks[-1]
         for name, value in row.items():
-            column = self._columns.get(name)
-            if column is None:
-                first = np.asarray(value)
-                column = self._columns[name] = np.empty((256, *first.shape), first.dtype)
-            elif self._count == len(column):
-                column = self._columns[name] = np.concatenate((column, column))  # doubled
-            column[self._count] = value
+            block[name][place] = value
         self._count += 1
 
     def columns(self) -> dict[str, ndarray]:
         """The columns (rows, ...) by name."""
-        return {name: column[: self._count].copy() for name, column in self._columns.items()}
+        return {
+            name: np.concatenate([block[name] for block in self._blocks])[: self._count]
+            for name in (self._blocks[0] if self._blocks else ())
+        }
 
 
 def warm_up(env: gymnasium.Env, policy: Policy, options: dict[str, Any] | None = None) -> None:

@@ -16,6 +16,7 @@ from softrobot_env.scene import build
 from softrobot_env.scene.assembly import AssembledScene
 from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.integration import layout
+from softrobot_env.scene.integration.articulated import runs
 from softrobot_env.scene.tendons import is_ideal
 
 #: Columns of `Values.joint`: rest [rad], stiffness [N m] and its higher powers, damping, armature.
@@ -35,6 +36,7 @@ class Plan(NamedTuple):
 
     Attributes:
         parents, first, count: (nbody,), of a body its parent, first DOF and number of DOFs.
+        run: (nbody,), see `articulated.runs`.
         massive, turned: (nbody,), whether it has a mass, and whether it is turned in its parent.
         axis: (nv, 3), of the hinges in their bodies.
         on: (sites,), bodies of the sites; the tip is the last of them.
@@ -50,6 +52,7 @@ class Plan(NamedTuple):
     parents: ndarray
     first: ndarray
     count: ndarray
+    run: ndarray
     massive: ndarray
     turned: ndarray
     axis: ndarray
@@ -128,6 +131,7 @@ def plan_of(model: MjModel) -> Plan:
         model.body_parentid.copy(),
         model.body_dofadr.copy(),
         model.body_dofnum.copy(),
+        runs(model.body_parentid),
         (model.body_mass > 0).astype(np.int8),
         (model.body_quat[:, 0] != 1).astype(np.int8),
         model.jnt_axis.copy(),

@@ -29,7 +29,8 @@ class Track(NamedTuple):
 
     Attributes:
         postures: Arrays of `Posture`, each with an axis of postures before.
-        trees: Arrays of `Tree` but for its first three, with an axis of steps before.
+        trees: Arrays of `Tree` but for its first four, with an axis of steps before; the last two,
+            which hold nothing afterwards, are those of all.
         steps: Arrays of `Step` after its tree, likewise.
         weights: (2, ROWS, ROWS), of the rows' ends in what was taken, by the first of them, and
             room.
@@ -70,8 +71,8 @@ def _step(plan, track, number):
     axes, moments, inverse, inertias, motion = track.trees
     diagonal, answers, coupling, factor, active, give, impulse, slide, change = track.steps
     tree = Tree(
-        plan.parents, plan.first, plan.count, axes[number], moments[number], inverse[number],
-        inertias[number], motion,
+        plan.parents, plan.first, plan.count, plan.run, axes[number], moments[number],
+        inverse[number], inertias, motion,
     )  # fmt: skip
     return Step(
         tree, diagonal[number], answers[number], coupling[number], factor[number],

@@ -77,7 +77,9 @@ def _called(robot: RobotParams) -> str | None:
 
 def refuse_artifact(path: str | Path, of: str, robot: RobotParams, policy: str) -> NoReturn:
     """Raise ValueError for what was learned of another robot, with the command that trains."""
-    raise ValueError(f"{_untrained(robot, policy)} ({path} is of {of!r} as it was then)")
+    raise ValueError(
+        f"{_untrained(robot, policy)} ({path} was trained for {of!r} with other parameters)"
+    )
 
 
 def _untrained(robot: RobotParams, policy: str) -> str:

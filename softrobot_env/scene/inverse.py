@@ -826,7 +826,7 @@ def workspace_of(robot: RobotParams) -> Workspace:
 
     Raises:
         ValueError: The robot has no tendons.
-        EquilibriumError: It does not stand under the action 0.
+        EquilibriumError: There is none for the action 0.
     """
     inverse = InverseStatics(build_scene(model_scene(robot)))
     return Workspace(inverse, inverse.ground(_BENT))

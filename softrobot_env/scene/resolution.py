@@ -4,7 +4,7 @@ A chain errs by the square of the length of its pieces, so that it is off by 4 /
 them changes, and by more while they are long. Its equilibria are compared with those of the chain
 of twice as many pieces all over the robot's range: without inputs, with each of them at full scale
 to either side, and with all of them, in directions that alternate in some ways; gravity acts as it
-does, loads as they are given. Where the robot does not stand at full scale, or a section folds,
+does, loads as they are given. Where the robot has no equilibrium at full scale, or a section folds,
 inputs grow in steps as far as they can.
 
 What chains leave out is estimated at the same equilibria: how far stretch and shear of the sections
@@ -69,10 +69,10 @@ class Discretization:
 
     Attributes:
         error: [m], largest distance of an end of a piece at rest from that of infinitely many
-            pieces, as estimated; inf where it, or a finer chain, does not stand alike.
+            pieces, as estimated; inf where it, or a finer chain, has no such equilibrium.
         left_out: [m], by how much stretch and shear would move it.
         inputs: Number of those that were tried.
-        lost: Number of those that it stands under at a part of full scale only, or nowhere.
+        lost: Number of those at which it has an equilibrium at part of full scale only, or none.
     """
 
     error: float
@@ -203,7 +203,7 @@ def resolved(config: SceneConfig) -> SceneConfig:
         ValueError: As `discretization`.
 
     Warns:
-        ResolutionWarning: Once in a process: they do not suffice, or the robot does not stand
+        ResolutionWarning: Once in a process: they do not suffice, or the robot has no equilibrium
             somewhere in its range.
     """
     if config.pieces is not None or not config.robot.adaptive_pieces:
@@ -218,7 +218,7 @@ def remarks(config: SceneConfig, found: Discretization) -> Iterator[str]:
     """What there is to warn about in a scene whose pieces follow from its accuracy."""
     wanted = config.wanted_accuracy
     if isinf(found.error):
-        yield "its chain's error at rest is not known: a finer one does not stand as it does"
+        yield "its chain's error at rest is unknown: a finer chain has another equilibrium, or none"
     elif found.error > wanted:
         yield (
             f"at rest its chain may be {1e3 * found.error:.3g} mm off, {1e3 * wanted:.3g} mm are "
@@ -226,8 +226,8 @@ def remarks(config: SceneConfig, found: Discretization) -> Iterator[str]:
         )
     if found.lost:
         yield (
-            f"under {found.lost} of {found.inputs} inputs that were tried it does not stand at "
-            "full scale, where the error at rest is not known"
+            f"at {found.lost} of {found.inputs} inputs that were tried it has no equilibrium at "
+            "full scale, so the error at rest is unknown there"
         )
 
 

@@ -68,7 +68,7 @@ def train(
 
     Raises:
         ValueError: The robot has no tendons, or its tip only moves on a line.
-        EquilibriumError: It does not stand under the action 0.
+        EquilibriumError: There is none for the action 0.
     """
     how = how or Learning()
     rng = np.random.default_rng(seed)

@@ -171,7 +171,7 @@ CALLS = [
     ("evaluate --tasks reach --identified mine.py", "mine.py is no npz file of arrays, or damaged"),
     (f"{REACH} --identified gains.npz", "gains.npz lacks the array 'weight_0'; it has gains; make"),
     ("evaluate --tasks reach --identified undamped.npz", "undamped.npz lacks the array 'damping'"),
-    ("evaluate --tasks reach --identified arm.npz", "is of 'arm' as it was then"),
+    ("evaluate --tasks reach --identified arm.npz", "was trained for 'arm' with other parameters"),
     # Known delays.
     ("evaluate --tasks swing --policies hold --predict 0,0.02", "Hold follows no reference"),
     ("evaluate --tasks swing --policies lqi --predict 0.0205", "multiple of the control period"),

@@ -8,6 +8,7 @@ import pytest
 from numpy import ndarray
 from support.rollouts import made_rollout
 
+from softrobot_env.evaluation import run
 from softrobot_env.evaluation.rollout import Rollout
 
 
@@ -53,3 +54,15 @@ def test_error_is_the_euclidean_distance(rollout):
     record = replace(rollout, reference=rollout.reference[:3], tip=rollout.reference[:3] + offsets)
     # Hand-computed: 3-4-5, a single axis, 1-2-2-3.
     np.testing.assert_allclose(record.error, [5.0, 2.0, 3.0], rtol=1e-14)
+
+
+@pytest.mark.parametrize("count", [1, 4, 11])
+def test_columns_of_many_blocks_are_joined_in_order(monkeypatch, count):
+    monkeypatch.setattr(run, "_BLOCK", 4)
+    columns, rows = run.Columns(), np.arange(float(count))
+    for k in rows:
+        columns.add({"time": k, "tip": np.full(3, -k), "powered": k > 5})
+    joined = columns.columns()
+    assert np.array_equal(joined["time"], rows)
+    assert np.array_equal(joined["tip"], np.repeat(-rows[:, None], 3, axis=1))
+    assert np.array_equal(joined["powered"], rows > 5)

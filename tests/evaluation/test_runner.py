@@ -17,16 +17,16 @@ LSHAPE = Case(make_task("lshape"), "feedforward", duration=2.0, scene={"control_
 
 
 def test_a_case_of_the_arm_is_run_as_by_hand():
-    case = replace(LSHAPE, variation={"youngs_modulus": 0.5})
+    case = replace(LSHAPE, variation={"youngs_modulus": 0.75})
     outcome = run(case)
     env = TrackingEnv("lshape", observe="all", control_period=0.05)
     policy = make_policy("feedforward", env.task.robot, 0.05)
-    options = {"vary": {"youngs_modulus": 0.5}, "duration": 2.0}
+    options = {"vary": {"youngs_modulus": 0.75}, "duration": 2.0}
     by_hand = run_episode(env, policy, seed=0, options=options)
     np.testing.assert_array_equal(outcome.rollout.tip, by_hand.tip)
     row = outcome.row()
     assert (row.task, row.policy, row.plant) == ("lshape", "feedforward", "mujoco")
-    assert row.variation == {"youngs_modulus": 0.5} and row.failure is None
+    assert row.variation == {"youngs_modulus": 0.75} and row.failure is None
     assert row.e_max == by_hand.error.max() and outcome.decision_period == 0.05
 
 

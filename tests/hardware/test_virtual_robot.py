@@ -5,11 +5,9 @@ import subprocess
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from support.processes import python
 
-from softrobot_env.commands.robot import virtual
 from softrobot_env.hardware.virtual_robot import linked
 
 pytest.importorskip("serial", reason="needs the robot extra")
@@ -76,14 +74,3 @@ def test_it_ends_with_a_parent_that_is_killed(tmp_path):
     while Path(link).is_symlink():
         assert time.monotonic() < end
         time.sleep(0.02)
-
-
-def test_a_log_of_many_blocks_is_joined_in_order(monkeypatch):
-    monkeypatch.setattr(virtual, "_ROWS", 4)
-    log, rows = virtual._Log(), np.arange(11.0)
-    for k in rows:
-        log.add({"time": k, "tip": np.full(3, -k), "powered": k > 5})
-    columns = log.columns()
-    assert np.array_equal(columns["time"], rows)
-    assert np.array_equal(columns["tip"], np.repeat(-rows[:, None], 3, axis=1))
-    assert np.array_equal(columns["powered"], rows > 5)

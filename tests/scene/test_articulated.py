@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.compile.native import called, shared
-from softrobot_env.scene.integration.articulated import SIDE, Tree, factorize, solve
+from softrobot_env.scene.integration.articulated import SIDE, Tree, factorize, runs, solve
 
 #: Two trees with branches, several joints on a body, and bodies that are welded on.
 TREES = """<mujoco><worldbody>
@@ -41,11 +41,11 @@ def test_trees_of_any_joints_are_solved(count):
     mass = np.empty((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
     truth = np.linalg.solve(mass + np.diag(diagonal), columns[:, :count])
-    nv, bodies = model.nv, model.nbody
+    nv, run = model.nv, runs(model.body_parentid)
     tree = Tree(
-        *(model.body_parentid, model.body_dofadr, model.body_dofnum),
+        *(model.body_parentid, model.body_dofadr, model.body_dofnum, run),
         *(np.empty((nv, 6)), np.empty((nv, 6)), np.empty(nv)),
-        *(np.empty((bodies, 21)), np.empty((-(-count // SIDE) * bodies, 6 * SIDE))),
+        *(np.empty((run[0], 21)), np.empty((-(-count // SIDE) * run[0], 6 * SIDE))),
     )
     resistance = diagonal + model.dof_armature
     solve_all(tree, data.cdof.ravel(), data.cinert.ravel(), resistance, columns, count)

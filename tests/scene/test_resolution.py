@@ -192,7 +192,7 @@ def test_what_is_out_of_reach_is_warned_of(tmp_path):
     assert "mm off, 0.0003 mm are wanted" in told(sharp)
     assert not told(sharp)  # once in a process
     limp = [0.006, 0.006], 3e4, "radius_m = 0.004", "gravity_m_s2 = [0, 0, -9.81]"
-    assert "does not stand at full scale" in told(scene_of(read(tmp_path, *limp)))
+    assert "no equilibrium at full scale" in told(scene_of(read(tmp_path, *limp)))
 
 
 @pytest.mark.parametrize("name", ["straight", "winding", "uniform"])

@@ -49,7 +49,6 @@ _SUPPLY = 6.0  # V
 
 #: Kind of hardware that is a board.
 FIRMWARE = "firmware"
-_ROWS = 4096  # of a block of the log
 _START, _END = 60.0, 30.0  # s, writing a long log takes time
 
 
@@ -73,7 +72,7 @@ def run(args: Namespace) -> int:
     """Run the command until it is stopped; 1 if the simulation failed."""
     if args.log is not None:
         check_free(args.log, overwrite=True)
-    log = _Log()
+    log = Columns()
     watch = None if args.log is None else lambda robot: log.add(_noted(robot))
     with closing(UdpCamera(args.camera_port)) as camera:
         with closing(_made(args, camera.show, watch)) as robot:
@@ -202,26 +201,6 @@ class UdpCamera:
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
-
-
-class _Log:
-    """Columns of a long run, in blocks: one that doubles would stall the line by its copy."""
-
-    def __init__(self) -> None:
-        self._blocks, self._count = [Columns()], 0
-
-    def add(self, row: dict[str, Any]) -> None:
-        """Add a row, see `Columns`."""
-        if self._count == _ROWS:
-            self._blocks.append(Columns())
-            self._count = 0
-        self._blocks[-1].add(row)
-        self._count += 1
-
-    def columns(self) -> dict[str, ndarray]:
-        """See `Columns`."""
-        blocks = [block.columns() for block in self._blocks]
-        return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
 def _noted(robot: VirtualRobot) -> dict[str, Any]:

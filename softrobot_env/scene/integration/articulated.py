@@ -5,10 +5,14 @@ that the time grows as the number of DOFs, not as its third power (R. Feathersto
 MuJoCo's frame of a tree, so nothing has to be transformed: axes are rows of `cdof`, rotation first,
 and inertias those of `cinert`. A body with several DOFs counts as so many, all but the last without
 mass.
+
+Bodies without a branch between them make a run. What is passed from body to body stays in one row
+of memory along it, and is added up or copied where runs meet.
 """
 
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray
 
 from softrobot_env.compile.native import jit, making
@@ -29,22 +33,37 @@ class Tree(NamedTuple):
 
     Attributes:
         parents, first, count: (nbody,), of a body its parent, first DOF and number of DOFs.
+        run: (nbody,), see `runs`.
         axes: (nv, 6) of the DOFs.
         moments: (nv, 6), of the axes, by the inertia of all that moves with them.
         inverse: (nv,), of what resists a DOF alone.
-        inertias: (nbody, 21), articulated, the lower halves of matrices by rows.
-        motion: (nbody groups, 6 SIDE), of groups of columns, forces from the tips on, then
+        inertias: (runs, 21), articulated, the lower halves of matrices by rows.
+        motion: (runs groups, 6 SIDE), of groups of columns, forces from the tips on, then
             accelerations from the base on.
     """
 
     parents: ndarray
     first: ndarray
     count: ndarray
+    run: ndarray
     axes: ndarray
     moments: ndarray
     inverse: ndarray
     inertias: ndarray
     motion: ndarray
+
+
+def runs(parents: ndarray) -> ndarray:
+    """The run (nbody,) of each body by the parents (nbody,); of the world, how many there are."""
+    children, count = np.bincount(parents[1:], minlength=len(parents)), 0
+    out = np.zeros_like(parents)
+    for body, parent in enumerate(parents[1:].tolist(), start=1):
+        if parent and children[parent] == 1:
+            out[body] = out[parent]
+        else:
+            out[body], count = count, count + 1
+    out[0] = count
+    return out
 
 
 @jit
@@ -57,22 +76,24 @@ def groups(columns):
 def tree_size(chain, columns):
     """Number of doubles that `tree_on` cuts."""
     motion = groups(columns) * AXIS * SIDE
-    return chain.v.size * (2 * AXIS + 1) + chain.header[NBODY] * (_HALF + motion)
+    return chain.v.size * (2 * AXIS + 1) + chain.runs[0] * (_HALF + motion)
 
 
 @making
 def tree_on(chain, room, columns):
     """A tree without inertia, cut from free memory, to solve for as many columns at once."""
     model, header, nv, bodies = chain.model, chain.header, chain.v.size, chain.header[NBODY]
+    rows = chain.runs[0]
     return Tree(
         ints(model, header[AT.body_parentid], bodies),
         ints(model, header[AT.body_dofadr], bodies),
         ints(model, header[AT.body_dofnum], bodies),
+        chain.runs,
         mj.cut(room, nv, AXIS),
         mj.cut(room, nv, AXIS),
         mj.cut(room, 1, nv)[0],
-        mj.cut(room, bodies, _HALF),
-        mj.cut(room, bodies * groups(columns), AXIS * SIDE),
+        mj.cut(room, rows, _HALF),
+        mj.cut(room, rows * groups(columns), AXIS * SIDE),
     )
 
 
@@ -85,19 +106,21 @@ def factorize(tree, axes, inertias, diagonal):
         axes, inertias: (6 nv,), (10 nbody,), of MuJoCo.
         diagonal: (nv,), what resists each DOF besides.
     """
-    for b in range(1, tree.parents.size):
-        _fill(tree.inertias[b], inertias, INERTIA * b)
+    for r in range(tree.run[0]):
+        for k in range(_HALF):
+            tree.inertias[r, k] = 0.0
     for b in range(tree.parents.size - 1, 0, -1):
-        inertia = tree.inertias[b]
+        inertia, beyond = tree.inertias[tree.run[b]], tree.parents[b]
+        _load(inertia, inertias, INERTIA * b)
         for i in range(tree.first[b] + tree.count[b] - 1, tree.first[b] - 1, -1):
             axis, moment = tree.axes[i], tree.moments[i]
             for r in range(AXIS):
                 axis[r] = axes[AXIS * i + r]
             tree.inverse[i] = _cut_off(inertia, axis, moment, diagonal[i])
-        if tree.parents[b]:
-            beyond = tree.inertias[tree.parents[b]]
+        if beyond and tree.run[beyond] != tree.run[b]:
+            joined = tree.inertias[tree.run[beyond]]
             for k in range(_HALF):
-                beyond[k] += inertia[k]
+                joined[k] += inertia[k]
 
 
 @jit
@@ -126,17 +149,24 @@ def _cut_off(half, axis, moment, diagonal):
 
 
 @jit
-def _fill(half, inertias, at):
-    """The lower half (21,) of the matrix of an inertia, the ten numbers from a place on."""
+def _load(half, inertias, at):
+    """Add a body's inertia, ten numbers from a place on, to the lower half (21,) of a matrix."""
     x, y, z, mass = inertias[at + 6], inertias[at + 7], inertias[at + 8], inertias[at + 9]
-    for k in range(_HALF):
-        half[k] = 0.0
-    half[0], half[2], half[5] = inertias[at], inertias[at + 1], inertias[at + 2]
-    half[1], half[3], half[4] = inertias[at + 3], inertias[at + 4], inertias[at + 5]
-    half[7], half[8] = z, -y
-    half[10], half[12] = -z, x
-    half[15], half[16] = y, -x
-    half[9], half[14], half[20] = mass, mass, mass
+    half[0] += inertias[at]
+    half[1] += inertias[at + 3]
+    half[2] += inertias[at + 1]
+    half[3] += inertias[at + 4]
+    half[4] += inertias[at + 5]
+    half[5] += inertias[at + 2]
+    half[7] += z
+    half[8] -= y
+    half[10] -= z
+    half[12] += x
+    half[15] += y
+    half[16] -= x
+    half[9] += mass
+    half[14] += mass
+    half[20] += mass
 
 
 @jit
@@ -146,29 +176,32 @@ def solve(tree, x, count):
         _solve_one(tree, x)
         return
     bodies, motion, number = tree.parents.size, tree.motion, groups(count)
-    for k in range(bodies * number):
+    for k in range(tree.run[0] * number):
         for r in range(AXIS * SIDE):
             motion[k, r] = 0.0
     for b in range(bodies - 1, 0, -1):
+        own, beyond = tree.run[b], tree.parents[b]
         for i in range(tree.first[b] + tree.count[b] - 1, tree.first[b] - 1, -1):
             ways = tree.axes[i], tree.moments[i], 1.0, tree.inverse[i]
             for g in range(number):
                 most = min(SIDE, count - g * SIDE)
-                _pass(x[i, g * SIDE :], motion[b * number + g], ways, most)
-        for g in range(number if tree.parents[b] else 0):
-            below, here = motion[tree.parents[b] * number + g], motion[b * number + g]
-            for r in range(AXIS * SIDE):
-                below[r] += here[r]
+                _pass(x[i, g * SIDE :], motion[own * number + g], ways, most)
+        if beyond and tree.run[beyond] != own:
+            for g in range(number):
+                joined, here = motion[tree.run[beyond] * number + g], motion[own * number + g]
+                for r in range(AXIS * SIDE):
+                    joined[r] += here[r]
     for b in range(1, bodies):
-        for g in range(number):
-            below, here = motion[tree.parents[b] * number + g], motion[b * number + g]
+        own, before = tree.run[b], tree.parents[b]
+        for g in range(number if tree.run[before] != own else 0):
+            here = motion[own * number + g]
             for r in range(AXIS * SIDE):
-                here[r] = below[r]
+                here[r] = motion[tree.run[before] * number + g, r] if before else 0.0
         for i in range(tree.first[b], tree.first[b] + tree.count[b]):
             ways = tree.moments[i], tree.axes[i], tree.inverse[i], 1.0
             for g in range(number):
                 most = min(SIDE, count - g * SIDE)
-                _pass(x[i, g * SIDE :], motion[b * number + g], ways, most)
+                _pass(x[i, g * SIDE :], motion[own * number + g], ways, most)
 
 
 @jit
@@ -202,30 +235,31 @@ def _pass(x, motion, ways, count):
 def _solve_one(tree, x):
     """As `solve`, for the first column alone."""
     bodies, motion = tree.parents.size, tree.motion
-    for b in range(bodies):
+    for k in range(tree.run[0]):
         for r in range(AXIS):
-            motion[b, r] = 0.0
+            motion[k, r] = 0.0
     for b in range(bodies - 1, 0, -1):
+        own, beyond = motion[tree.run[b]], tree.parents[b]
         for i in range(tree.first[b] + tree.count[b] - 1, tree.first[b] - 1, -1):
-            x[i, 0] -= _product(tree.axes[i], motion[b])
-            _add(motion[b], x[i, 0] * tree.inverse[i], tree.moments[i])
-        if tree.parents[b]:
-            _add(motion[tree.parents[b]], 1.0, motion[b])
+            x[i, 0] -= _product(tree.axes[i], own)
+            _add(own, x[i, 0] * tree.inverse[i], tree.moments[i])
+        if beyond and tree.run[beyond] != tree.run[b]:
+            _add(motion[tree.run[beyond]], 1.0, own)
     for b in range(1, bodies):
-        for r in range(AXIS):
-            motion[b, r] = motion[tree.parents[b], r]
+        own, before = motion[tree.run[b]], tree.parents[b]
+        if tree.run[before] != tree.run[b]:
+            for r in range(AXIS):
+                own[r] = motion[tree.run[before], r] if before else 0.0
         for i in range(tree.first[b], tree.first[b] + tree.count[b]):
-            x[i, 0] = (x[i, 0] - _product(tree.moments[i], motion[b])) * tree.inverse[i]
-            _add(motion[b], x[i, 0], tree.axes[i])
+            x[i, 0] = (x[i, 0] - _product(tree.moments[i], own)) * tree.inverse[i]
+            _add(own, x[i, 0], tree.axes[i])
 
 
 @jit
 def _product(a, b):
     """Scalar product of the first six."""
-    total = 0.0
-    for r in range(AXIS):
-        total += a[r] * b[r]
-    return total
+    # Not one after the other, as each would wait for the one before.
+    return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]) + (a[4] * b[4] + a[5] * b[5])
 
 
 @jit

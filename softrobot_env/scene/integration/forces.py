@@ -20,6 +20,7 @@ from .layout import (
     NU,
     NV,
     RUBBING,
+    RUNS,
     TAKEN,
     WIRES,
 )
@@ -39,6 +40,7 @@ class Chain(NamedTuple):
         q, v, ctrl: (nq,), (nv,), (nu,).
         axes, inertias: (6 nv,), (10 nbody,), of the DOFs and the bodies, see `articulated`.
         lengths: (nv,) [m], see `chain.backbone_lengths`.
+        runs: (nbody,), see `articulated`.
     """
 
     model: int
@@ -50,6 +52,7 @@ class Chain(NamedTuple):
     axes: ndarray
     inertias: ndarray
     lengths: ndarray
+    runs: ndarray
 
 
 class Forces(NamedTuple):
@@ -107,6 +110,7 @@ def chain_of(model, data, header):
         reals(data, header[AT.cdof], AXIS * nv),
         reals(data, header[AT.cinert], INERTIA * header[NBODY]),
         mj.reals_at(header[LENGTHS], nv),
+        mj.ints_at(header[RUNS], header[NBODY]),
     )
 
 

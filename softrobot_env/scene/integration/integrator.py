@@ -13,6 +13,7 @@ from ..chain import backbone_lengths
 from ..tendons import is_ideal
 from ..timestep import EXTRAPOLATION, RATE, Pace, TimestepChoice
 from . import layout
+from .articulated import runs
 from .extrapolation import CALM
 from .period import advance, refresh
 
@@ -23,9 +24,6 @@ FEWEST_ROWS, MOST_ROWS = 3, 4
 
 #: The shadow of a simulation is as many times less accurate.
 SHADOW = 20.0
-
-#: Share [1] of the accuracy at which steps aim: estimates of ordinary motions then stay within it.
-AIM = 0.8
 
 #: Least estimate [1], over the accuracy: smaller errors are not resolved by the shadow.
 RESOLVED = 1 / 20
@@ -55,7 +53,7 @@ class Integration:
     advance, refresh = advance, refresh
 
     def __init__(self, model: MjModel, choice: TimestepChoice, count: int = 1) -> None:
-        self._lengths = backbone_lengths(model)
+        self._lengths, self._runs = backbone_lengths(model), runs(model.body_parentid)
         robots = np.flatnonzero(model.dof_parentid < 0)
         self._reach = np.add.reduceat(self._lengths, robots).max()
         self.memory = np.zeros((count, 2, layout.MEMORY_SIZE))
@@ -96,7 +94,7 @@ class Integration:
         decay = pace.damping_ratio * frequency
         lasting = np.minimum(period, 1 / np.maximum(decay, 1e-300))
         care = np.minimum(1.0, pace.swing / lasting)
-        chosen[..., layout.ACCURACY] = AIM * care * (choice.accuracy or np.inf)
+        chosen[..., layout.ACCURACY] = care * (choice.accuracy or np.inf)
         chosen[..., layout.RATE] = pace.rate
         chosen[..., layout.CALM] = CALM * pace.damping_time
         chosen[..., layout.REACH] = self._reach
@@ -191,6 +189,7 @@ class Integration:
             (layout.SHADOW_STATES, self._states),
             (layout.HELD, self._held),
             (layout.LENGTHS, self._lengths),
+            (layout.RUNS, self._runs),
             (layout.PATH, self._path),
             (layout.TAPE, self._tape),
         ):

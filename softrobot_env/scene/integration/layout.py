@@ -17,7 +17,7 @@ from numpy import ndarray
 NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
 PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, LINEAR = range(8, 15)
 RUBBING, USER, HELD = range(15, 18)  # elements of friction, and what they held, see `euler`
-SERVO_SIZE, WIRES, MOTORS, TAPE, OFFSETS = range(18, 23)
+SERVO_SIZE, WIRES, MOTORS, TAPE, RUNS, OFFSETS = range(18, 24)
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
 MODEL_FIELDS = (

@@ -60,6 +60,12 @@ def reals_at(address, size):
 
 
 @making
+def ints_at(address, size):
+    """As `reals_at`, of 32-bit integers."""
+    return array_at(np.uint64(address), (size,), np.int32)
+
+
+@making
 def table_at(address, rows, columns):
     """The array (rows, columns) of doubles at an address."""
     return array_at(np.uint64(address), (rows, columns), np.float64)
@@ -89,10 +95,10 @@ def word(structure, place):
 @making
 def reals(structure, place, size):
     """The array (size,) of doubles to which a structure's word points."""
-    return array_at(word(structure, place), (size,), np.float64)
+    return reals_at(word(structure, place), size)
 
 
 @making
 def ints(structure, place, size):
     """As `reals`, of 32-bit integers."""
-    return array_at(word(structure, place), (size,), np.int32)
+    return ints_at(word(structure, place), size)
