@@ -22,10 +22,14 @@ from rich.table import Table
 from rich.text import Text
 from scipy.optimize import root
 
+from softrobot_env.core.motion import State
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.models.runs import Limit, best_of, front
+from softrobot_env.gradients.rollout import Motion, Rollout
 from softrobot_env.robots import ARM, RobotParams, Tendon
 from softrobot_env.robots.sections import Section
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
 from studies.accuracy import tension_step as case
 from studies.accuracy.cases import DISTRIBUTED, DURATION, TimedMotion, beam_limit
 from studies.accuracy.shown import setting
@@ -41,10 +45,10 @@ PEER, PEER_OF_STEPS = PEERS
 
 @dataclass(frozen=True)
 class Row(Record):
-    """A motion, an environment, a ratio, or a note; None where a field does not apply.
+    """A motion, a gradient, an environment, a ratio, or a note; None where a field does not apply.
 
     Attributes:
-        kind: "motion", "environment", "ratio" or "note".
+        kind: "motion", "gradient", "environment", "ratio" or "note".
         package: What simulates; of a ratio and a note the peer.
         version: Of the package.
         model: Model or environment.
@@ -52,12 +56,14 @@ class Row(Record):
         integrator: Of the motion.
         timestep, tolerance: [s] of fixed steps, or relative and absolute of adapted ones.
         e_mean, e_max: [m], distance of the tip from the converged motion.
+        e_gradient: [1], of a gradient, relative to the converged one.
         core_seconds: Computing time [s] of one core for a simulated second.
         compiled: Computing time [s] of the first call beyond that of a later one.
         period: [s] of a step of an environment.
         steps_per_second: Of an environment, by one core.
-        value: Of a ratio: computing time of the peer over that of the fastest of ours with no
-            larger mean error.
+        value: Of a gradient: its computing time, with the motion, over that of the motion alone. Of
+            a ratio: computing time of the peer over that of the fastest of ours with no larger
+            error, the mean one of motions.
         text: Of a note; of a motion what it is compared with.
     """
 
@@ -71,6 +77,7 @@ class Row(Record):
     tolerance: float | None = quantity("", ".0e", default=None)
     e_mean: float | None = quantity("mm", ".2g", "mean", default=None)
     e_max: float | None = quantity("mm", ".2g", "max", default=None)
+    e_gradient: float | None = quantity("%", ".2g", "gradient", default=None)
     core_seconds: float | None = quantity("ms", ".2g", "core", default=None)
     compiled: float | None = quantity("s", ".0f", "compile", default=None)
     period: float | None = quantity("ms", ".3g", "step", default=None)
@@ -91,7 +98,7 @@ class Row(Record):
 #: Gravity acts towards the tip.
 ROBOT = replace(ARM, inner_radius=0.0, gravity=(0.0, 0.0, 9.81))
 
-_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
+_TOLERANCES, _MOST_STEPS = (1e-2, 1e-3, 1e-4, 1e-5), 1_000_000
 
 
 def truth(quick: bool) -> Limit:
@@ -144,6 +151,14 @@ def peer_rows(limit: Limit, quick: bool) -> Iterator[Row]:
 
 def _motion(n: int, integrator: str) -> Callable[[float], ndarray]:
     """A function that simulates the motion by a tolerance, with tips (300, 2) in (x, z) [m]."""
+    import jax
+
+    run = jax.jit(partial(_traced(n, integrator), case.tensions(ROBOT, case.END)))
+    return lambda tolerance: np.asarray(run(tolerance))
+
+
+def _traced(n: int, integrator: str) -> Callable[[Any, float], Any]:
+    """A function of JAX from tensions (6,) [N] and a tolerance to tips (300, 2) in (x, z) [m]."""
     import diffrax
     import jax
     from soromox.actuation import ThreadlikeActuator, ThreadlikeRouting
@@ -172,7 +187,7 @@ def _motion(n: int, integrator: str) -> Callable[[float], ndarray]:
         actuators=ThreadlikeActuator.tendons(routing),
         backend="jax",
     )
-    before, after = (jnp.array(case.tensions(ROBOT, a)) for a in (case.START, case.END))
+    before = jnp.array(case.tensions(ROBOT, case.START))
     rate = jax.jit(lambda y, u: robot.forward_dynamics(0.0, y, (u, jnp.zeros(n))))
     q = np.zeros(n)
     for share in (0.25, 0.5, 0.75, 1.0):  # of the tensions
@@ -181,21 +196,102 @@ def _motion(n: int, integrator: str) -> Callable[[float], ndarray]:
     start = jnp.array([*q, *(0 * q)])
     times = case.PERIOD * jnp.arange(1, round(DURATION / case.PERIOD) + 1)
 
-    @jax.jit
-    def run(tolerance: float) -> Any:
+    def run(tensions: Any, tolerance: float) -> Any:
         motion = robot.rollout_to(
             SystemState(t=0.0, y=start),
-            u=after,
+            u=jnp.asarray(tensions),
             t1=DURATION,
             solver_dt=1e-4,
             save_ts=times,
             solver=getattr(diffrax, integrator)(),
             stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
-            max_steps=1_000_000,
+            max_steps=_MOST_STEPS,
         )
         return jax.vmap(lambda y: robot.forward_kinematics(y[:n], ROBOT.length)[1:])(motion.y)
 
-    return lambda tolerance: np.asarray(run(tolerance))
+    return run
+
+
+# -------------------- gradients of the same motion
+#
+# Of the mean squared distance of the tip from where it comes to rest, by the tensions of the three
+# tendons that pull. Each gradient is that of the steps taken, so errors are those of the models, as
+# differences of the converged motion show them.
+
+#: [N], half of the difference.
+_APART = 0.25
+
+
+def true_gradient(limit: Limit, quick: bool) -> ndarray:
+    """Gradient (3,) [m2/N] of the motion with infinitely many pieces."""
+    sizes, pulled = (3, 6, 12) if quick else (6, 12, 24), case.tensions(ROBOT, case.END)
+
+    def loss(change: ndarray) -> float:
+        def make(*about: Any) -> TimedMotion:
+            return replace(case.beam_motion(*about), inputs=pulled + change)
+
+        return _loss(beam_limit(make, DISTRIBUTED, sizes, ROBOT).tips, limit)
+
+    ways = _APART * np.eye(len(pulled))[pulled > 0]
+    return np.array([(loss(way) - loss(-way)) / (2 * _APART) for way in ways])
+
+
+def _loss(tips: Any, limit: Limit) -> Any:
+    return ((tips - limit.tips[-1]) ** 2).sum(axis=1).mean()
+
+
+def our_gradients(limit: Limit, true: ndarray, quick: bool) -> Iterator[Row]:
+    """Of the MuJoCo chain, by the adjoint of its steps."""
+    for n in (6, 12) if quick else (6, 12, 24, 48):
+        scene = build_scene(SceneConfig(ROBOT, pieces=n, control_period=case.PERIOD))
+        rollout, pulled = Rollout(scene), case.tensions(ROBOT, case.END)
+        q = scene.equilibrium(case.tensions(ROBOT, case.START))
+        inputs = np.tile(pulled, (round(DURATION / case.PERIOD), 1))
+        run = partial(rollout.run, inputs, State(q, np.zeros_like(q)))
+        about = {"model": "mujoco_chain", "n": n, "integrator": scene.timestep.integrator}
+        found = partial(_our_gradient, run, limit)
+        yield _gradient_row(OURS, true, run, found, **about)
+
+
+def _our_gradient(run: Callable[[], Motion], limit: Limit) -> ndarray:
+    motion = run()
+    weights, tips = np.zeros_like(motion.observed.tip), motion.observed.tip[1:, [0, 2]]
+    weights[1:, [0, 2]] = 2 * (tips - limit.tips[-1]) / len(tips)
+    return motion.vjp(tip=weights).inputs.sum(axis=0)
+
+
+def peer_gradients(limit: Limit, true: ndarray, quick: bool) -> Iterator[Row]:
+    """Of SoRoMoX, by reverse differentiation."""
+    import jax
+
+    pulled = case.tensions(ROBOT, case.END)
+    for n in (3,) if quick else (3, 6, 12):
+        traced = _traced(n, "Kvaerno5")
+        run = jax.jit(traced)
+        slope = jax.jit(jax.grad(lambda u, tol, traced=traced: _loss(traced(u, tol), limit)))
+        for tolerance in (1e-2,) if quick else (1e-2, 1e-3):
+            about = {"model": "PlanarPCS", "n": n, "integrator": "Kvaerno5", "tolerance": tolerance}
+            motion, found = (
+                lambda f=f, tol=tolerance: np.asarray(f(pulled, tol)) for f in (run, slope)
+            )
+            yield _gradient_row(PEER, true, motion, found, **about)
+
+
+def _gradient_row(
+    package: str,
+    true: ndarray,
+    motion: Callable[[], Any],
+    gradient: Callable[[], ndarray],
+    **about: Any,
+) -> Row:
+    motion()
+    first, _ = best_of(gradient, 1, process_time)
+    alone, _ = best_of(motion, 3, process_time)
+    seconds, found = best_of(gradient, 3, process_time)
+    found = found[case.tensions(ROBOT, case.END) > 0]
+    about |= {"e_gradient": float(np.linalg.norm(found - true) / np.linalg.norm(true))}
+    about |= {"core_seconds": seconds / DURATION, "compiled": first - seconds}
+    return Row("gradient", package, version(package), value=seconds / alone, **about)
 
 
 # -------------------- steps of an arm with twelve tendons
@@ -281,6 +377,10 @@ def stages(lab: Lab) -> list[Row]:
     tasks = [("our motions", lambda: list(our_rows(limit, quick)))]
     if known[PEER]:
         tasks.append((PEER, lambda: list(peer_rows(limit, quick))))
+    true = true_gradient(limit, quick)
+    tasks.append(("our gradients", lambda: list(our_gradients(limit, true, quick))))
+    if known[PEER]:
+        tasks.append((f"{PEER}, gradients", lambda: list(peer_gradients(limit, true, quick))))
     tasks.append(("our environment", lambda: [our_row(quick)]))
     if known[PEER_OF_STEPS]:
         tasks.append((PEER_OF_STEPS, lambda: [peer_row(quick)]))
@@ -292,19 +392,22 @@ def stages(lab: Lab) -> list[Row]:
 
 def with_ratios(rows: list[Row]) -> list[Row]:
     """Rows and, behind those of a peer, its ratios to ours."""
-    motions, steps = (select(rows, kind=kind) for kind in ("motion", "environment"))
-    return [*motions, *ratios(motions), *steps, *steps_ratio(steps)]
+    kinds = "motion", "gradient", "environment"
+    motions, gradients, steps = (select(rows, kind=kind) for kind in kinds)
+    found = ratios(motions, "e_mean"), ratios(gradients, "e_gradient")
+    return [*motions, *found[0], *gradients, *found[1], *steps, *steps_ratio(steps)]
 
 
-def ratios(motions: list[Row]) -> list[Row]:
+def ratios(rows: list[Row], error: str) -> list[Row]:
     """For each run of SoRoMoX that no faster one of it beats, its time over that of ours."""
-    ours, out = select(motions, package=OURS), []
-    for row in front(select(motions, package=PEER), cost="core_seconds"):
+    ours, out = select(rows, package=OURS), []
+    for row in front(select(rows, package=PEER), error=error, cost="core_seconds"):
+        reached = getattr(row, error)
         for family in ("mujoco_chain", "pcc"):
-            alike = [r for r in ours if r.model.startswith(family) and r.e_mean <= row.e_mean]
+            alike = [r for r in ours if r.model.startswith(family) and getattr(r, error) <= reached]
             if alike:
                 value = row.core_seconds / min(r.core_seconds for r in alike)
-                known = {"e_mean": row.e_mean, "tolerance": row.tolerance, "value": value}
+                known = {error: reached, "tolerance": row.tolerance, "value": value}
                 about = "ratio", row.package, row.version, family, row.n
                 out.append(Row(*about, f"{row.model}, {row.integrator}", **known))
     return out
@@ -342,6 +445,12 @@ STUDY = Study(
     tables=[
         _best,
         table(
+            "Gradient of a loss of the same motion by tensions",
+            *("model", "n", "integrator", "tolerance", "e_gradient", "core_seconds"),
+            *(Column("over the motion", "value"), "compiled"),
+            where={"kind": "gradient"},
+        ),
+        table(
             "Steps of an arm in space",
             *(Column("environment", "model"), "n", "period", "steps_per_second", "core_seconds"),
             Column("reported error mm", "e_max", ".1g", "mm"),
@@ -350,7 +459,7 @@ STUDY = Study(
         table(
             "Computing time of a peer over that of ours at no larger mean error",
             Column("peer", lambda row: row.integrator or row.model),
-            *("n", "tolerance", "e_mean"),
+            *("n", "tolerance", "e_mean", "e_gradient"),
             Column("ours", lambda row: row.model if row.integrator else ""),
             "value",
             where={"kind": "ratio"},

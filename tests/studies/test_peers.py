@@ -20,15 +20,30 @@ def test_a_ratio_is_to_the_fastest_of_ours_that_errs_no_more():
         motion("soromox", "PlanarPCS", 1e-3, 0.020),
         motion("soromox", "PlanarPCS", 5e-3, 0.030),  # a faster one of it errs less
     ]
-    (ratio,) = peers.ratios(rows)
+    (ratio,) = peers.ratios(rows, "e_mean")
     assert ratio.value == pytest.approx(10) and ratio.model == "mujoco_chain"
     assert peers.with_ratios(rows) == [*rows, ratio]
+
+
+def test_gradients_are_compared_by_their_own_errors():
+    def gradient(package, model, error, seconds):
+        return Row("gradient", package, "1", model, 6, e_gradient=error, core_seconds=seconds)
+
+    rows = [
+        gradient(OURS, "mujoco_chain", 0.2, 0.01),
+        gradient(OURS, "mujoco_chain", 0.05, 0.02),
+        gradient("soromox", "PlanarPCS", 0.08, 2.0),
+    ]
+    (ratio,) = peers.with_ratios(rows)[3:]
+    assert ratio.value == pytest.approx(100) and ratio.e_gradient == 0.08
 
 
 def test_absent_peers_are_said(monkeypatch):
     monkeypatch.setattr(peers, "find_spec", lambda name: None)
     monkeypatch.setattr(peers, "truth", lambda quick: None)
     monkeypatch.setattr(peers, "our_rows", lambda limit, quick: [])
+    monkeypatch.setattr(peers, "true_gradient", lambda limit, quick: None)
+    monkeypatch.setattr(peers, "our_gradients", lambda limit, true, quick: [])
     monkeypatch.setattr(peers, "our_row", lambda quick: Row("environment", OURS))
     rows = peers.stages(Lab(quick=True, processes=0))
     notes = [row.text for row in rows if row.kind == "note"]
@@ -42,3 +57,11 @@ def test_our_chain_moves_like_the_limit():
     assert limit.uncertainty < 2e-5
     assert min(r.e_mean for r in rows if r.model.startswith("pcc")) < 5e-4
     assert min(r.e_mean for r in rows if r.model.startswith("mujoco_chain")) < 5e-4
+
+
+def test_our_gradient_nears_that_of_the_limit():
+    """Second order in the pieces: a quarter of the error with twice as many."""
+    limit = peers.truth(quick=True)
+    coarse, fine = peers.our_gradients(limit, peers.true_gradient(limit, quick=True), quick=True)
+    assert fine.e_gradient < 0.35 * coarse.e_gradient < 0.1
+    assert fine.value < 6
