@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,21 +92,23 @@ def _with(whole: Any, path: list[str], value: float, name: str) -> Any:
 def sensitivities(scene: Scene, wanted: Iterable[Parameter]) -> ndarray:
     """Derivatives (parameters, size) of a chain's numbers, as `flat` has them.
 
-    By extrapolated differences of scenes, which errs by about 1e-11 of them.
-
     Raises:
         ValueError: A parameter cannot differ a little to both sides, or not by smooth changes.
     """
     size = len(flat(values_of(scene.model)))
-    rows = [_sensitivity(scene, one) for one in wanted]
+    rows = [derivative(one, partial(_numbers, scene, one)) for one in wanted]
     return np.array(rows).reshape(-1, size)
 
 
-def _sensitivity(scene: Scene, one: Parameter) -> ndarray:
+def derivative(one: Parameter, numbers: Callable[[float], ndarray]) -> ndarray:
+    """Derivative (size,) of smooth numbers (size,) by a parameter, from their values at others.
+
+    By extrapolated differences, which err by about 1e-11 of the numbers.
+    """
     entries: list[ndarray] = []
     for k in range(_HALVINGS):
         step = _STEP * one.scale / 2**k
-        above, below = (_numbers(scene, one, one.value + s * step) for s in (1, -1))
+        above, below = (numbers(one.value + s * step) for s in (1, -1))
         entry = (above - below) / (2 * step)
         for j, before in enumerate(entries):
             weight = 1 / (4 ** (j + 1) - 1)

@@ -116,7 +116,6 @@ class Rollout:
         self._inputs: Inputs | None = None
         self._servos: Servos | None = None
         self._rest: tuple[ndarray, ndarray] | None = None
-        self.track = _track(self.plan, float)
 
     @classmethod
     def of(cls, env: "TrackingEnv", parameters: Iterable[str | Parameter] = ()) -> "Rollout":
@@ -208,12 +207,21 @@ class Rollout:
         data = self._simulation.data
         return np.stack([data.qpos, data.qvel])
 
+    def __getstate__(self) -> dict:
+        # Some of their arrays are views of others, which copies would not be.
+        return {k: v for k, v in self.__dict__.items() if k not in ("track", "complex_track")}
+
     def zero(self) -> Back:
         """Derivatives that are zero."""
         nv, nu = len(self.plan.axis), len(self.plan.tendon)
         columns = len(self.plan.wound) + len(self.plan.rubs)
         sizes = (nv,), (nv,), (nu,), (1, nv), (nv,), (columns,)
         return Back(*map(np.zeros, sizes), Values(*map(np.zeros_like, self.values)))
+
+    @cached_property
+    def track(self) -> tuple:
+        """Arrays for the steps of an interval."""
+        return _track(self.plan, float)
 
     @cached_property
     def complex_track(self) -> tuple:

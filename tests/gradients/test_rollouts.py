@@ -1,7 +1,9 @@
 """Derivatives of motions and equilibria, against differences of the same runs, and each other."""
 
+import pickle
 import subprocess
 import sys
+from copy import deepcopy
 from dataclasses import replace
 
 import gymnasium
@@ -231,6 +233,19 @@ REFUSED = [
 def test_refusals(make, said):
     with pytest.raises(ValueError, match=said):
         make()
+
+
+@pytest.mark.parametrize("copied", [deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_a_copy_has_the_same_derivatives(copied):
+    robot = moving(3)
+    rollout = Rollout(robot.scene, robot.parameters)
+    start = State(robot.position, robot.velocity)
+    motion = rollout.run(robot.inputs, start)
+    weights = drawn(motion.observed)
+    found = motion.vjp(**weights)  # its arrays for this are not copied
+    again = copied(rollout).run(robot.inputs, start).vjp(**weights)
+    np.testing.assert_array_equal(again.inputs, found.inputs)
+    assert again.parameters == found.parameters
 
 
 def test_environments_load_nothing_of_it():
