@@ -20,13 +20,10 @@ from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
 from softrobot_env.core.processes import parsed_workers
 from softrobot_env.core.registry import is_path
-from softrobot_env.envs.config import MOST_PIXELS
 from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.hardware.tip import LAST_PORT
 from softrobot_env.robots import ENTRIES, GRIPPERS, ROBOTS, VARIATIONS, RobotParams
 from softrobot_env.robots.artifacts import OUT
-from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
-from softrobot_env.scene.quadrature import RULES
 from softrobot_env.tasks import EVERY_TASK, known_tasks, tasks_of, with_option
 from softrobot_env.tasks.generic import GENERIC_TASKS
 
@@ -64,7 +61,12 @@ def declare(parser: Parsers, text: str, **kinds: Any) -> None:
             of `_KINDS`.
     """
     shared, lines = _shared(), []
-    text = re.sub("<([a-z!-]+)>", lambda found: shared[found[1]], text)
+
+    def said(found: re.Match) -> str:
+        text = shared[found[1]]
+        return text() if callable(text) else text
+
+    text = re.sub("<([a-z!-]+)>", said, text)
     for line in filter(None, map(str.strip, text.splitlines())):
         if line.startswith(("--", "[")) or "  " in line:
             lines.append(line)
@@ -152,7 +154,20 @@ _SHARED = {
         %(choices)s
     """,
     "port": "--port PORT  serial port; default: the robot file's",
-    "scene": f"""
+    "twin": f"--twin SEED|{_NO_TWIN}  {_TWIN}",
+    "twins": f"--twin TWIN+  {_TWIN}",
+    "workers": """
+        --workers N|ray[:ADDRESS]  run jobs in N processes, or on a Ray cluster: one started
+        here, or the one at HOST:PORT or auto""",
+}
+
+
+def _scene() -> str:
+    """Arguments of scenes, for commands that simulate: their registries take time to load."""
+    from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
+    from softrobot_env.scene.quadrature import RULES
+
+    return f"""
         [scene]
         --control-period S  default: the policy's own where it has one, else 0.01 s, of the rig
         0.02 s
@@ -163,20 +178,15 @@ _SHARED = {
         --accuracy A  wanted accuracy of any point of the robot: m, or a share of its length;
         default: {str(DEFAULT_SHARE).replace("%", "%%")}
         --integrator INTEGRATOR  out of {", ".join(INTEGRATORS)}; default: by rule
-    """,
-    "twin": f"--twin SEED|{_NO_TWIN}  {_TWIN}",
-    "twins": f"--twin TWIN+  {_TWIN}",
-    "workers": """
-        --workers N|ray[:ADDRESS]  run jobs in N processes, or on a Ray cluster: one started
-        here, or the one at HOST:PORT or auto""",
-}
+    """
 
 
-def _shared() -> dict[str, str]:
+def _shared() -> dict[str, str | Callable[[], str]]:
     """Arguments shared by several commands; names in registries require loading plug-ins."""
     robot = f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)};"
     options = {name: tasks for name, tasks in with_option(EVERY_TASK).items() if tasks}
     return _SHARED | {
+        "scene": _scene,
         "robot": f"--robot ROBOT  {robot}",
         "robot!": f"--robot ROBOT!  {robot}",
         "grippers": ", ".join(GRIPPERS),
@@ -299,12 +309,18 @@ def number(
 positive = number("a positive number", lambda value: 0 < value < inf)
 not_negative = number("a number of zero or more", lambda value: 0 <= value < inf)
 whole = number("a whole number, 1 or more", lambda value: value >= 1, int)
-size = number(
-    f"a whole number of pixels, {MOST_PIXELS} at most", lambda value: 1 <= value <= MOST_PIXELS, int
-)
 fps = number("a number of frames per second from 0.1 to 1000", lambda value: 0.1 <= value <= 1000)
 port = number(f"a port from 1 to {LAST_PORT}", lambda value: 1 <= value <= LAST_PORT, int)
 seed = number("a whole number of zero or more", lambda value: value >= 0, int)
+
+
+def size(text: str) -> int:
+    """A converter, see `number`, of the side of a picture."""
+    from softrobot_env.envs.config import MOST_PIXELS  # takes time to load
+
+    what = f"a whole number of pixels, {MOST_PIXELS} at most"
+    return number(what, lambda value: 1 <= value <= MOST_PIXELS, int)(text)
+
 
 _seed_of_twin = number(
     f"a seed, a whole number of zero or more, or {_NO_TWIN}", lambda value: value >= 0, int
