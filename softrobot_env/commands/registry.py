@@ -24,6 +24,7 @@ COMMANDS: Registry[Command] = Registry(
         "grip": ("grip", "close a gripper on a bar; write a video with --out"),
         "benchmark": ("benchmark", "run a study of accuracy, speed or control"),
         "train": ("train", "train what a policy has to learn about a robot"),
+        "optimise": ("optimise", "find actions by which the tip follows a task's path"),
         "tune": ("tune", "search for training settings with Ray Tune"),
         "inspect": ("inspect", "print what a scene contains and neglects, its errors and cost"),
         "warm-up": ("warm_up", "precompile all kernels"),

@@ -234,6 +234,11 @@ class Rollout:
         return self.scene.n_inputs if self._inputs is None else self._inputs.n_inputs
 
     @property
+    def has_servos(self) -> bool:
+        """Whether servos wind the tendons."""
+        return self._servos is not None
+
+    @property
     def is_placed(self) -> bool:
         """Whether what is applied at the start is given, not that of the first period."""
         return self._rest is not None

@@ -77,6 +77,12 @@ def follow(
     """
     if rollout.reference is None:
         raise ValueError("need a rollout of an environment, whose actions are within [-1, 1]")
+    if rollout.has_servos:
+        name = rollout.scene.config.robot.name
+        raise ValueError(
+            f"robot {name!r}: servos wind its tendons, with a speed or a dead time: paths are found "
+            "for robots whose actions take effect at once"
+        )
     path = np.asarray(rollout.reference if path is None else path, float)
     guess = np.zeros((len(path) - 1, rollout.n_inputs)) if guess is None else guess
     here, step = rollout.run(guess), 0
