@@ -32,8 +32,8 @@ ALLOWED = {
     # Static feedforward inverts the scene of a robot; sensors stand in for what policies read.
     "control": FOUNDATION | {"beams", "learned", "scene", "sensing"},
     "envs": FOUNDATION | {"scene", "sensing", "hardware", "recordings"},
-    # Motions of scenes, and of environments that it is given.
-    "gradients": FOUNDATION | {"scene", "envs"},
+    # Motions of scenes, and of environments that it is given; equilibria of beam models.
+    "gradients": FOUNDATION | {"beams", "scene", "envs"},
     # Its runner makes environment and policy of a case, for every command, benchmark and training.
     "evaluation": FOUNDATION | {"beams", "control", "envs", "recordings", "scene"},
     "rendering": FOUNDATION | {"evaluation", "scene"},

@@ -80,8 +80,8 @@ def follow(
     if rollout.has_servos:
         name = rollout.scene.config.robot.name
         raise ValueError(
-            f"robot {name!r}: servos wind its tendons, with a speed or a dead time: paths are found "
-            "for robots whose actions take effect at once"
+            f"robot {name!r}: servos wind its tendons, with a speed or a dead time; paths are for "
+            "robots whose actions take effect at once"
         )
     path = np.asarray(rollout.reference if path is None else path, float)
     guess = np.zeros((len(path) - 1, rollout.n_inputs)) if guess is None else guess
