@@ -433,8 +433,10 @@ def reset_options(names: Iterable[str]) -> list[tuple[str, str]]:
 
 def real(env_id: str) -> str:
     """The page of a real robot, of which nothing can be asked without one."""
-    said = "What differs" + inspect.getdoc(RealEnv).partition("What differs")[2]
-    said = said.partition("Attributes:")[0]
+    _, mark, said = inspect.getdoc(RealEnv).partition("What differs")
+    if not mark:
+        raise ValueError("the docstring of RealEnv has no part that begins with 'What differs'")
+    said = mark + said.partition("Attributes:")[0]
     parts = [
         f"# {env_id.partition('/')[2]}",
         ABOUT[env_id],
