@@ -8,7 +8,8 @@ import tracemalloc
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from time import process_time
+from functools import partial
+from time import perf_counter, process_time
 from typing import Any
 
 import gymnasium
@@ -16,8 +17,10 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.motion import State
+from softrobot_env.core.processes import usable_cores
+from softrobot_env.envs.simulation.batch import Batch
 from softrobot_env.evaluation.models.runs import best_of
-from softrobot_env.gradients import Motion, Rollout
+from softrobot_env.gradients import Motion, Rollout, on_threads
 from softrobot_env.gradients.parameters import parameter
 from softrobot_env.gradients.tracking import follow
 from softrobot_env.robots import find_robot
@@ -43,7 +46,7 @@ _ALIKE = {"accuracy": 1e4, "timestep": 2e-3}
 #: Extrapolated differences are a truth where they agree to this share with those before.
 _AGREES = 1e-7
 
-_STEP, _PARAMETERS = 1e-3, 30
+_STEP, _PARAMETERS, _MANY = 1e-3, 30, 256
 
 #: Each scene has one of so many parts of its parameters.
 _THIRDS = 3
@@ -110,6 +113,26 @@ class PathRow(lab.Record):
     mean: float = lab.quantity("mm", ".1e")
     time: float = lab.quantity("s", ".0f")
     steps: int = lab.quantity("", "d")
+
+
+@dataclass(frozen=True)
+class ThreadRow(lab.Record):
+    """Motions of a second and their derivatives by all inputs, of many robots on threads.
+
+    Attributes:
+        robot: Name.
+        robots, threads: Numbers.
+        speedup, forward: Times as fast as on one thread; `forward` is of motions alone, by the
+            batch that vectorised environments have.
+        share: Of the one in the other.
+    """
+
+    robot: str
+    robots: int = lab.quantity("", "d")
+    threads: int = lab.quantity("", "d")
+    speedup: float = lab.quantity("", ".2f")
+    forward: float = lab.quantity("", ".2f")
+    share: float = lab.quantity("", ".2f")
 
 
 def difference(function: Callable[[float], float], step: float) -> tuple[float, float]:
@@ -224,7 +247,36 @@ def _path(task: str) -> PathRow:
     return PathRow(task, float(found.error.max()), float(found.error.mean()), taken, found.steps)
 
 
-_MEASURES = {"scene": _scene, "cost": _cost, "path": _path}
+def _threads(count: int) -> ThreadRow:
+    warnings.simplefilter("ignore", TimestepWarning)
+    scene, threads = build_scene(scene_of(find_robot(TIMED[0]))), usable_cores()
+    limits, periods = scene.model.actuator_ctrlrange[:, 1], round(1 / scene.config.control_period)
+    inputs = np.random.default_rng(0).uniform(0.0, 0.1, (count, len(limits))) * limits
+    rollout, held = Rollout(scene), np.repeat(inputs[:, None], periods, axis=1)
+    weights = np.ones((periods + 1, 3))
+
+    def gradients(number: int) -> None:
+        on_threads(lambda own, x: own.run(x).vjp(tip=weights).inputs, rollout, held, number)
+
+    def forward(number: int) -> None:
+        batch = Batch(scene, count, number)
+        batch.ctrl[:] = inputs
+        for _ in range(periods):
+            batch.advance()
+
+    gradients(1)  # compiles
+    times = [
+        [best_of(f, 3, perf_counter)[0] for f in _with(g, threads)] for g in (gradients, forward)
+    ]
+    speedups = [one / many for one, many in times]
+    return ThreadRow(scene.config.robot.name, count, threads, *speedups, speedups[0] / speedups[1])
+
+
+def _with(work: Callable[[int], None], threads: int) -> list[Callable[[], None]]:
+    return [partial(work, 1), partial(work, threads)]
+
+
+_MEASURES = {"scene": _scene, "cost": _cost, "path": _path, "threads": _threads}
 
 
 def measure(case: tuple[str, Any]) -> Any:
@@ -239,6 +291,7 @@ def cases(quick: bool = False) -> list[tuple[str, Any]]:
     paths = () if quick else PATHS
     return [
         *(("cost", x) for x in timed),
+        ("threads", 8 if quick else _MANY),
         *(("scene", k) for k in scenes),
         *(("path", x) for x in paths),
     ]
@@ -260,7 +313,7 @@ def _verdict(rows: list[Any]) -> lab.Text:
 
 
 STUDY = lab.Study(
-    kinds=(SceneRow, CostRow, PathRow),
+    kinds=(SceneRow, CostRow, PathRow, ThreadRow),
     cases=cases,
     measure=measure,
     tables=[
@@ -275,6 +328,11 @@ STUDY = lab.Study(
             "Cost of derivatives by all inputs of 3 s and 30 parameters",
             *("robot", "dofs", "forward", "gradient", "cost_ratio", "memory"),
             of=CostRow,
+        ),
+        lab.table(
+            "Many robots on threads: times as fast as on one",
+            *("robot", "robots", "threads", "speedup", "forward", "share"),
+            of=ThreadRow,
         ),
         lab.table(
             "Inputs along paths, from zero",

@@ -56,7 +56,7 @@ class _KernelCache(SourceCache):
             super()._save_overload(sig, data)
 
 
-def kernel(function: Callable, everywhere: bool = False) -> Any:
+def kernel(function: Callable, everywhere: bool = False, nogil: bool = False) -> Any:
     """Compile a function on its first call for every new combination of argument types.
 
     Division by zero gives inf or nan, as in NumPy, so that a diverging state shows as one.
@@ -65,16 +65,17 @@ def kernel(function: Callable, everywhere: bool = False) -> Any:
         function: The function.
         everywhere: Whether structures from anywhere in the package may be passed to it, so that
             an edit of any of its sources recompiles it.
+        nogil: Whether other threads run while Python calls it.
     """
     if OFF:
         function.py_func = function
         return function
     if LINKED:
-        compiled = _dispatcher(function, **CALLED)
+        compiled = _dispatcher(function, nogil=nogil, **CALLED)
         called = _dispatcher(function, **LINKED)
         called._cache = _KernelCache(function, everywhere, linked=True)
     else:
-        compiled = called = _dispatcher(function)
+        compiled = called = _dispatcher(function, nogil=nogil)
     compiled._cache = _KernelCache(function, everywhere)
     compiled.get_call_template = without_literals(called)
     compiled.get_overload = called.get_overload

@@ -9,5 +9,15 @@ Nothing of this is loaded or compiled by environments.
 from .beams import BeamRest
 from .parameters import Parameter
 from .rollout import Derivatives, Motion, Observed, Rest, Rollout
+from .threads import on_threads
 
-__all__ = ["BeamRest", "Derivatives", "Motion", "Observed", "Parameter", "Rest", "Rollout"]
+__all__ = [
+    "BeamRest",
+    "Derivatives",
+    "Motion",
+    "Observed",
+    "Parameter",
+    "Rest",
+    "Rollout",
+    "on_threads",
+]

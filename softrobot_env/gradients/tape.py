@@ -189,7 +189,7 @@ def _switched(track, laws, number):
     return switched
 
 
-@partial(kernel, everywhere=True)
+@partial(kernel, everywhere=True, nogil=True)
 def follow(plan, values, track, room, tape, ramps, states):
     """Cross all intervals of a tape along ramps (n, 2, nu).
 
@@ -203,7 +203,7 @@ def follow(plan, values, track, room, tape, ramps, states):
         chain.copy(states[n + 1], track.end)
 
 
-@partial(kernel, everywhere=True)
+@partial(kernel, everywhere=True, nogil=True)
 def retrace(plan, values, track, room, tape, ramps, back):
     """From derivatives by the states between intervals to those by the first, and by all else.
 
@@ -236,7 +236,7 @@ def retrace(plan, values, track, room, tape, ramps, back):
     return switches
 
 
-@partial(kernel, everywhere=True)
+@partial(kernel, everywhere=True, nogil=True)
 def linearise(plan, values, track, room, tape, ramps, ends, back):
     """Derivatives of the states at the ends of stretches by those at their starts, and by ramps.
 
@@ -285,7 +285,7 @@ def _look(plan, values, at, room, state, controls):
     chain.pull_tendons(plan, values, at, controls)
 
 
-@partial(kernel, everywhere=True)
+@partial(kernel, everywhere=True, nogil=True)
 def observe(plan, values, track, room, states, controls, seen):
     """What is seen (n, ...), see `TIP`, of states (n, 2, nv) under controls (n, nu)."""
     plan, values, track, room = shared(plan), shared(values), shared(track), shared(room)
@@ -300,7 +300,7 @@ def observe(plan, values, track, room, states, controls, seen):
             seen[n, drives + d] = chain.drive_force(plan, values, at, controls[n], d)
 
 
-@partial(kernel, everywhere=True)
+@partial(kernel, everywhere=True, nogil=True)
 def observe_back(plan, values, track, room, states, controls, weights, back):
     """From derivatives by what is seen (n, ...) to those by states (n, 2, nv) and controls.
 
@@ -342,7 +342,7 @@ def observe_back(plan, values, track, room, states, controls, weights, back):
         mj.assign(by_control[n], back.controls)
 
 
-@partial(kernel, everywhere=True)
+@partial(kernel, everywhere=True, nogil=True)
 def rest_back(plan, values, track, room, posture, controls, ways, back):
     """Derivatives of the work of static forces along turns.
 

@@ -42,6 +42,24 @@ def test_feedforward_leaves_a_straight_arm_alone():
     assert state.status is None
 
 
+@pytest.mark.parametrize("targets", [2, 20])
+def test_set_points_that_come_again_are_not_solved_again(targets, monkeypatch):
+    """A few of them: a path would fill the memory."""
+    policy, solved = Feedforward(ARM, PERIOD), []
+    hold = policy._statics.hold
+    monkeypatch.setattr(
+        policy._statics, "hold", lambda target, *how: solved.append(target) or hold(target, *how)
+    )
+    points, state, actions = [(0.2, 0.44 - 0.002 * k) for k in range(targets)], None, []
+    for _ in range(2):
+        for point in points:
+            action, state = policy.predict(observe(point), state)
+            actions.append(action)
+    assert len(solved) == (targets if targets < 16 else 2 * targets)
+    np.testing.assert_allclose(actions[:targets], actions[targets:], atol=1e-6)
+    assert len(state.solved) == min(targets, 16)
+
+
 def test_feedforward_says_when_the_reference_is_out_of_reach():
     action, state = Feedforward(ARM, PERIOD).predict(observe((0.4, 0.5)), None)
     # The arm is 0.5 m long and the reference 0.64 m away: at least 140 mm are missing.

@@ -18,6 +18,9 @@ from .motion import Motion
 from .nearby import Neighbourhood
 from .statics import Rest, statics_of
 
+#: Targets whose equilibria are remembered.
+_REMEMBERED = 16
+
 
 @dataclass(frozen=True)
 class FeedforwardState:
@@ -26,6 +29,8 @@ class FeedforwardState:
     Attributes:
         target: (k,) [m], point that `rest` belongs to.
         rest: The equilibrium with the tip on it, or nearest to it.
+        solved: Equilibria of the last targets that were reached, by their bytes: set points often
+            come again, and may take longer to solve than a period.
         memory: Memory of what is added to the statics.
         feedback: Memory of the feedback; None without.
         status: Why the action is not the intended one, or None.
@@ -33,6 +38,7 @@ class FeedforwardState:
 
     target: ndarray
     rest: Rest
+    solved: dict[bytes, Rest]
     memory: Any
     feedback: FeedbackState | None
     status: str | None
@@ -97,7 +103,7 @@ class Feedforward(Controller):
         inputs, size = self._inputs.from_actions(in_force(observation)), sizes.pop()
         law, rest = self._feedback, self._statics.begin(inputs)
         feedback = None if law is None else law.start(observation["reference"])
-        return FeedforwardState(np.full(size, np.nan), rest, self._begun, feedback, None)
+        return FeedforwardState(np.full(size, np.nan), rest, {}, self._begun, feedback, None)
 
     def act(
         self, observation: Observation, state: FeedforwardState
@@ -105,10 +111,17 @@ class Feedforward(Controller):
         """Inputs of the statics for the target, plus those added to them."""
         if not all(np.isfinite(observation[name]).all() for name in self.requires):
             return in_force(observation), replace(state, status=REASONS[NOT_FINITE])
-        motion, rest = self._motion(observation, state), state.rest
+        motion, rest, solved = self._motion(observation, state), state.rest, state.solved
         target = motion.position
         if not np.array_equal(target, state.target):  # a target often stands still
-            rest = self._statics.hold(target, rest, bool(np.isnan(state.target).any()))
+            key = target.tobytes()
+            rest = solved.get(key)
+            if rest is None:
+                first = bool(np.isnan(state.target).any())
+                rest = self._statics.hold(target, state.rest, first)
+                if rest.reached:
+                    last = list(solved.items())[-_REMEMBERED + 1 :]
+                    solved = dict([*last, (key, rest)])
         inputs, memory, reason = self._added(observation, motion, rest, state)
         feedback, limited = state.feedback, False
         if self._feedback is not None:
@@ -122,7 +135,7 @@ class Feedforward(Controller):
         limited = limited or np.any(np.abs(wanted) > 1 + 1e-9)
         reason = REASONS[SATURATED] if limited else reason
         status = reason if rest.reached else self._statics.missed
-        return action, FeedforwardState(target, rest, memory, feedback, status)
+        return action, FeedforwardState(target, rest, solved, memory, feedback, status)
 
     def _motion(self, observation: Observation, state: FeedforwardState) -> Motion:
         """The target of the tip, (k,) [m], taken as at rest."""

@@ -12,6 +12,7 @@ from .capstan import find_zones
 from .layout import (
     AT,
     DRIVE_SIZE,
+    DRIVES_TOO,
     LENGTHS,
     LINEAR,
     NBODY,
@@ -154,30 +155,50 @@ def evaluate(chain):
     mj.mj_kinematics(model, data)
     mj.mj_com_pos(model, data)
     place_tendons(chain)
-    mj.mj_transmission(model, data)
     mj.mj_fwd_velocity(model, data)
 
 
 @jit
 def place_tendons(chain):
-    """Lengths and moment arms of the tendons in MuJoCo's positions.
+    """Lengths and moment arms of tendons and drives in MuJoCo's positions.
 
     Moment arms of lengths that are linear in the positions stay as `mj_forward` left them.
     """
-    model, data, header, tendons = chain.model, chain.data, chain.header, chain.header[NTENDON]
-    if not header[LINEAR]:
+    model, data, header, nu = chain.model, chain.data, chain.header, chain.ctrl.size
+    tendons = header[NTENDON]
+    if header[LINEAR]:
+        nonzero = ints(model, header[AT.ten_J_rownnz], tendons)
+        start = ints(model, header[AT.ten_J_rowadr], tendons)
+        for k in range(tendons):
+            end = start[k] + nonzero[k]
+            columns, arms = (
+                ints(model, header[AT.ten_J_colind], end),
+                reals(data, header[AT.ten_J], end),
+            )
+            reals(data, header[AT.ten_length], tendons)[k] = _along(
+                chain.q, columns, arms, start[k]
+            )
+    else:
         mj.mj_tendon(model, data)
+    if header[LINEAR] < DRIVES_TOO:
+        mj.mj_transmission(model, data)
         return
-    nonzero = ints(model, header[AT.ten_J_rownnz], tendons)
-    start = ints(model, header[AT.ten_J_rowadr], tendons)
-    lengths = reals(data, header[AT.ten_length], tendons)
-    for k in range(tendons):
+    nonzero = ints(data, header[AT.moment_rownnz], nu)
+    start = ints(data, header[AT.moment_rowadr], nu)
+    for k in range(nu):
         end = start[k] + nonzero[k]
-        columns = ints(model, header[AT.ten_J_colind], end)
-        arms = reals(data, header[AT.ten_J], end)
-        lengths[k] = 0.0
-        for at in range(start[k], end):
-            lengths[k] += arms[at] * chain.q[columns[at]]
+        columns = ints(data, header[AT.moment_colind], end)
+        arms = reals(data, header[AT.actuator_moment], end)
+        reals(data, header[AT.actuator_length], nu)[k] = _along(chain.q, columns, arms, start[k])
+
+
+@jit
+def _along(q, columns, arms, start):
+    """The length that positions make by a sparse row of moment arms, from `start` on."""
+    length = 0.0
+    for at in range(start, arms.size):
+        length += arms[at] * q[columns[at]]
+    return length
 
 
 @jit
@@ -210,19 +231,22 @@ def _sum_forces(chain, force):
 
 @jit
 def actuate(chain):
-    """Forces of the drives, by MuJoCo or the laws of `motors`, with the controls in force."""
-    mj.mj_actuation(chain.model, chain.data)
-    if not chain.header[WIRES]:
-        return
-    nu, now = chain.ctrl.size, drive_forces(chain)
-    bounds = reals(chain.model, chain.header[AT.actuator_forcerange], 2 * nu)
-    biases = reals(chain.model, chain.header[AT.actuator_biasprm], nu * BIASES)
+    """Forces of the drives with the controls in force, as MuJoCo has them or by `motors`."""
+    bounds = reals(chain.model, chain.header[AT.actuator_forcerange], 2 * chain.ctrl.size)
     force = reals(chain.data, chain.header[AT.qfrc_actuator], chain.v.size)
-    for k in range(nu):
-        if biases[k * BIASES + 1] < 0:
-            pull = min(max(_unlimited(chain, k), bounds[2 * k]), bounds[2 * k + 1])
-            _add_pull(chain, k, pull - now[k], force)
-            now[k] = pull
+    for i in range(force.size):
+        force[i] = 0.0
+    for k in range(chain.ctrl.size):
+        pull = _limited(_unlimited(chain, k), bounds, k)
+        drive_forces(chain)[k] = pull
+        _add_pull(chain, k, pull, force)
+
+
+@jit
+def _limited(value, ranges, k):
+    """A value within the k-th of ranges (2 n,); those without a width limit nothing."""
+    low, high = ranges[2 * k], ranges[2 * k + 1]
+    return min(max(value, low), high) if low < high else value
 
 
 @making
@@ -250,13 +274,17 @@ def _stretch(chain, k):
 @jit
 def _unlimited(chain, k):
     """Force [N] that a drive had if it pulled like a spring, whatever its limits."""
-    if chain.header[WIRES]:
-        return wire_force(drives_of(chain), k, _stretch(chain, k))
     nu, bias = chain.ctrl.size, k * BIASES
-    gains = drives_of(chain)
     biases = reals(chain.model, chain.header[AT.actuator_biasprm], nu * BIASES)
+    if chain.header[WIRES] and biases[bias + 1] < 0:
+        return wire_force(drives_of(chain), k, _stretch(chain, k))
+    control = _limited(
+        chain.ctrl[k], reals(chain.model, chain.header[AT.actuator_ctrlrange], 2 * nu), k
+    )
     length = reals(chain.data, chain.header[AT.actuator_length], nu)[k]
-    return gains[k * DRIVE_SIZE] * chain.ctrl[k] + biases[bias] + biases[bias + 1] * length
+    # In MuJoCo's order, so that nothing is slack in one of them alone.
+    spring = biases[bias] + biases[bias + 1] * length
+    return spring + drives_of(chain)[k * DRIVE_SIZE] * control
 
 
 @jit
@@ -366,7 +394,6 @@ def find_switched(chain, before, forces):
     mj.mj_kinematics(model, data)
     mj.mj_com_pos(model, data)
     place_tendons(chain)
-    mj.mj_transmission(model, data)
     actuate(chain)
     return find_surprises(chain, before, forces)
 

@@ -6,7 +6,7 @@ Loading compiled code takes time: the first simulation imports this module.
 from typing import Any
 
 import numpy as np
-from mujoco import MjModel, mjtWrap
+from mujoco import MjModel, mjtTrn, mjtWrap
 from numpy import ndarray
 
 from ..chain import backbone_lengths
@@ -68,7 +68,9 @@ class Integration:
         self._held = np.zeros((count, 2, 2, elements))
         self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
         scalar = model.nq == model.nv
-        self._linear = scalar and np.all(model.wrap_type == mjtWrap.mjWRAP_JOINT)
+        linear = scalar and bool(np.all(model.wrap_type == mjtWrap.mjWRAP_JOINT))
+        pulled = np.all(model.actuator_trntype == mjtTrn.mjTRN_TENDON)
+        self._linear = layout.DRIVES_TOO if linear and pulled else int(linear)
         self._user = model.nuser_tendon
         self._path = np.zeros((1, model.nu))
         self._servos: ndarray | None = None

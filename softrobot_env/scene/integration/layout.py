@@ -19,10 +19,14 @@ PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, LINEAR = range(8, 15)
 RUBBING, USER, HELD = range(15, 18)  # elements of friction, and what they held, see `euler`
 SERVO_SIZE, WIRES, MOTORS, TAPE, RUNS, OFFSETS = range(18, 24)
 
+#: Value of `LINEAR` where not only lengths of tendons are linear in the positions, but those of
+#: all drives.
+DRIVES_TOO = 2
+
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
 MODEL_FIELDS = (
     "body_parentid", "body_dofadr", "body_dofnum", "jnt_stiffness", "dof_jntid", "dof_damping",
-    "dof_armature",
+    "dof_armature", "actuator_ctrlrange",
     "actuator_biasprm", "actuator_forcerange", "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind",
     "tendon_frictionloss", "actuator_gainprm", "dof_parentid", "dof_bodyid", "jnt_qposadr",
     "jnt_axis", "actuator_trntype", "actuator_trnid", "tendon_user", "tendon_adr", "tendon_num",

@@ -260,7 +260,6 @@ def _finish(chain):
     mj.mj_cam_light(model, data)
     place_tendons(chain)
     mj.mj_make_mass(model, data)
-    mj.mj_transmission(model, data)
     mj.mj_sensor_pos(model, data)
     mj.mj_fwd_velocity(model, data)
     mj.mj_sensor_vel(model, data)
