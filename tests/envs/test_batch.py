@@ -96,6 +96,7 @@ def inputs_of(plant, periods, seed=0):
     return np.repeat(rng.uniform(0, size, (periods // 4, len(tendons))), 4, axis=0)
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")  # inputs jump
 @pytest.mark.parametrize("variation", [{}, VARIATION], ids=["nominal", "varied"])
 @pytest.mark.parametrize("name", CONFIGS)
 def test_a_robot_of_a_batch_is_the_single_one(name, variation):

@@ -282,8 +282,11 @@ def _unlimited(chain, k):
         chain.ctrl[k], reals(chain.model, chain.header[AT.actuator_ctrlrange], 2 * nu), k
     )
     length = reals(chain.data, chain.header[AT.actuator_length], nu)[k]
-    # In MuJoCo's order, so that nothing is slack in one of them alone.
-    spring = biases[bias] + biases[bias + 1] * length
+    # In MuJoCo's order, so that nothing is slack in one of them alone; a length that has diverged
+    # is nothing to who pulls by a force.
+    spring = biases[bias]
+    if biases[bias + 1] != 0:
+        spring += biases[bias + 1] * length
     return spring + drives_of(chain)[k * DRIVE_SIZE] * control
 
 
