@@ -169,15 +169,12 @@ def place_tendons(chain):
     if header[LINEAR]:
         nonzero = ints(model, header[AT.ten_J_rownnz], tendons)
         start = ints(model, header[AT.ten_J_rowadr], tendons)
+        lengths = reals(data, header[AT.ten_length], tendons)
         for k in range(tendons):
             end = start[k] + nonzero[k]
-            columns, arms = (
-                ints(model, header[AT.ten_J_colind], end),
-                reals(data, header[AT.ten_J], end),
-            )
-            reals(data, header[AT.ten_length], tendons)[k] = _along(
-                chain.q, columns, arms, start[k]
-            )
+            columns = ints(model, header[AT.ten_J_colind], end)
+            arms = reals(data, header[AT.ten_J], end)
+            lengths[k] = _along(chain.q, columns, arms, start[k])
     else:
         mj.mj_tendon(model, data)
     if header[LINEAR] < DRIVES_TOO:
@@ -185,11 +182,12 @@ def place_tendons(chain):
         return
     nonzero = ints(data, header[AT.moment_rownnz], nu)
     start = ints(data, header[AT.moment_rowadr], nu)
+    lengths = reals(data, header[AT.actuator_length], nu)
     for k in range(nu):
         end = start[k] + nonzero[k]
         columns = ints(data, header[AT.moment_colind], end)
         arms = reals(data, header[AT.actuator_moment], end)
-        reals(data, header[AT.actuator_length], nu)[k] = _along(chain.q, columns, arms, start[k])
+        lengths[k] = _along(chain.q, columns, arms, start[k])
 
 
 @jit
