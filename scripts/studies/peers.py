@@ -45,10 +45,10 @@ PEER, PEER_OF_STEPS = PEERS
 
 @dataclass(frozen=True)
 class Row(Record):
-    """A motion, a gradient, an environment, a ratio, or a note; None where a field does not apply.
+    """A motion, an environment, a ratio, or a note; None where a field does not apply.
 
     Attributes:
-        kind: "motion", "gradient", "environment", "ratio" or "note".
+        kind: "motion", "environment", "ratio" or "note".
         package: What simulates; of a ratio and a note the peer.
         version: Of the package.
         model: Model or environment.
@@ -56,14 +56,12 @@ class Row(Record):
         integrator: Of the motion.
         timestep, tolerance: [s] of fixed steps, or relative and absolute of adapted ones.
         e_mean, e_max: [m], distance of the tip from the converged motion.
-        e_gradient: [1], of a gradient, relative to the converged one.
         core_seconds: Computing time [s] of one core for a simulated second.
         compiled: Computing time [s] of the first call beyond that of a later one.
         period: [s] of a step of an environment.
         steps_per_second: Of an environment, by one core.
-        value: Of a gradient: its computing time, with the motion, over that of the motion alone. Of
-            a ratio: computing time of the peer over that of the fastest of ours with no larger
-            error, the mean one of motions.
+        value: Of a ratio: computing time of the peer over that of the fastest of ours with no
+            larger mean error.
         text: Of a note; of a motion what it is compared with.
     """
 
@@ -77,13 +75,39 @@ class Row(Record):
     tolerance: float | None = quantity("", ".0e", default=None)
     e_mean: float | None = quantity("mm", ".2g", "mean", default=None)
     e_max: float | None = quantity("mm", ".2g", "max", default=None)
-    e_gradient: float | None = quantity("%", ".2g", "gradient", default=None)
     core_seconds: float | None = quantity("ms", ".2g", "core", default=None)
     compiled: float | None = quantity("s", ".0f", "compile", default=None)
     period: float | None = quantity("ms", ".3g", "step", default=None)
     steps_per_second: float | None = quantity("", ".3g", "steps a second", default=None)
     value: float | None = quantity("", ".2g", "times", default=None)
     text: str | None = None
+
+
+@dataclass(frozen=True)
+class Gradient(Record):
+    """A gradient of a motion; fields of the same names as those of `Row`.
+
+    Attributes:
+        kind: "gradient".
+        e_gradient: [1], relative to the converged one.
+        core_seconds: Computing time [s] of one core for the gradient, motion included, over the
+            simulated seconds.
+        over_motion: Over that of the motion alone.
+        times: Of a peer: computing time over that of the fastest of ours with no larger error.
+    """
+
+    kind: str
+    package: str
+    version: str
+    model: str
+    n: int = quantity("", "d")
+    integrator: str = quantity("", "", "by")
+    tolerance: float | None = quantity("", ".0e")
+    e_gradient: float = quantity("%", ".2g", "error")
+    core_seconds: float = quantity("ms", ".2g", "core")
+    compiled: float = quantity("s", ".0f", "compile")
+    over_motion: float = quantity("", ".2g", "over the motion")
+    times: float | None = quantity("", ".2g", "over ours", default=None)
 
 
 # -------------------- the arm's tension step
@@ -240,7 +264,7 @@ def _loss(tips: Any, limit: Limit) -> Any:
     return ((tips - limit.tips[-1]) ** 2).sum(axis=1).mean()
 
 
-def our_gradients(limit: Limit, true: ndarray, quick: bool) -> Iterator[Row]:
+def our_gradients(limit: Limit, true: ndarray, quick: bool) -> Iterator[Gradient]:
     """Of the MuJoCo chain, by the adjoint of its steps."""
     for n in (6, 12) if quick else (6, 12, 24, 48):
         scene = build_scene(SceneConfig(ROBOT, pieces=n, control_period=case.PERIOD))
@@ -249,6 +273,7 @@ def our_gradients(limit: Limit, true: ndarray, quick: bool) -> Iterator[Row]:
         inputs = np.tile(pulled, (round(DURATION / case.PERIOD), 1))
         run = partial(rollout.run, inputs, State(q, np.zeros_like(q)))
         about = {"model": "mujoco_chain", "n": n, "integrator": scene.timestep.integrator}
+        about |= {"tolerance": None}
         found = partial(_our_gradient, run, limit)
         yield _gradient_row(OURS, true, run, found, **about)
 
@@ -260,7 +285,7 @@ def _our_gradient(run: Callable[[], Motion], limit: Limit) -> ndarray:
     return motion.vjp(tip=weights).inputs.sum(axis=0)
 
 
-def peer_gradients(limit: Limit, true: ndarray, quick: bool) -> Iterator[Row]:
+def peer_gradients(limit: Limit, true: ndarray, quick: bool) -> Iterator[Gradient]:
     """Of SoRoMoX, by reverse differentiation."""
     import jax
 
@@ -283,7 +308,7 @@ def _gradient_row(
     motion: Callable[[], Any],
     gradient: Callable[[], ndarray],
     **about: Any,
-) -> Row:
+) -> Gradient:
     motion()
     first, _ = best_of(gradient, 1, process_time)
     alone, _ = best_of(motion, 3, process_time)
@@ -291,7 +316,18 @@ def _gradient_row(
     found = found[case.tensions(ROBOT, case.END) > 0]
     about |= {"e_gradient": float(np.linalg.norm(found - true) / np.linalg.norm(true))}
     about |= {"core_seconds": seconds / DURATION, "compiled": first - seconds}
-    return Row("gradient", package, version(package), value=seconds / alone, **about)
+    return Gradient("gradient", package, version(package), over_motion=seconds / alone, **about)
+
+
+def compared(rows: list[Gradient]) -> list[Gradient]:
+    """Gradients, those of a peer with their times over ours."""
+    ours = [row for row in rows if row.package == OURS]
+
+    def times(row: Gradient) -> float | None:
+        alike = [own.core_seconds for own in ours if own.e_gradient <= row.e_gradient]
+        return row.core_seconds / min(alike) if alike else None
+
+    return [row if row in ours else replace(row, times=times(row)) for row in rows]
 
 
 # -------------------- steps of an arm with twelve tendons
@@ -368,7 +404,7 @@ def _step_time(env: gymnasium.Env, least: float, quick: bool) -> float:
 # -------------------- the study
 
 
-def stages(lab: Lab) -> list[Row]:
+def stages(lab: Lab) -> list[Row | Gradient]:
     """Measure ours, and those of the peers that are installed; then ratios."""
     # Before JAX is loaded; what the user has set already goes first.
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
@@ -378,36 +414,33 @@ def stages(lab: Lab) -> list[Row]:
     if known[PEER]:
         tasks.append((PEER, lambda: list(peer_rows(limit, quick))))
     true = true_gradient(limit, quick)
-    tasks.append(("our gradients", lambda: list(our_gradients(limit, true, quick))))
+    slopes = [("our gradients", lambda: list(our_gradients(limit, true, quick)))]
     if known[PEER]:
-        tasks.append((f"{PEER}, gradients", lambda: list(peer_gradients(limit, true, quick))))
+        slopes.append((f"{PEER}, gradients", lambda: list(peer_gradients(limit, true, quick))))
     tasks.append(("our environment", lambda: [our_row(quick)]))
     if known[PEER_OF_STEPS]:
         tasks.append((PEER_OF_STEPS, lambda: [peer_row(quick)]))
-    rows = [row for found in lab.tasks(tasks) for row in found]
+    rows, gradients = ([row for found in lab.tasks(x) for row in found] for x in (tasks, slopes))
     text = "{0} is not installed: its rows are left out (pip install {0})"
     notes = [Row("note", peer, text=text.format(peer)) for peer in PEERS if not known[peer]]
-    return with_ratios(rows) + notes
+    return [*with_ratios(rows), *compared(gradients), *notes]
 
 
 def with_ratios(rows: list[Row]) -> list[Row]:
     """Rows and, behind those of a peer, its ratios to ours."""
-    kinds = "motion", "gradient", "environment"
-    motions, gradients, steps = (select(rows, kind=kind) for kind in kinds)
-    found = ratios(motions, "e_mean"), ratios(gradients, "e_gradient")
-    return [*motions, *found[0], *gradients, *found[1], *steps, *steps_ratio(steps)]
+    motions, steps = (select(rows, kind=kind) for kind in ("motion", "environment"))
+    return [*motions, *ratios(motions), *steps, *steps_ratio(steps)]
 
 
-def ratios(rows: list[Row], error: str) -> list[Row]:
+def ratios(motions: list[Row]) -> list[Row]:
     """For each run of SoRoMoX that no faster one of it beats, its time over that of ours."""
-    ours, out = select(rows, package=OURS), []
-    for row in front(select(rows, package=PEER), error=error, cost="core_seconds"):
-        reached = getattr(row, error)
+    ours, out = select(motions, package=OURS), []
+    for row in front(select(motions, package=PEER), cost="core_seconds"):
         for family in ("mujoco_chain", "pcc"):
-            alike = [r for r in ours if r.model.startswith(family) and getattr(r, error) <= reached]
+            alike = [r for r in ours if r.model.startswith(family) and r.e_mean <= row.e_mean]
             if alike:
                 value = row.core_seconds / min(r.core_seconds for r in alike)
-                known = {error: reached, "tolerance": row.tolerance, "value": value}
+                known = {"e_mean": row.e_mean, "tolerance": row.tolerance, "value": value}
                 about = "ratio", row.package, row.version, family, row.n
                 out.append(Row(*about, f"{row.model}, {row.integrator}", **known))
     return out
@@ -440,15 +473,15 @@ def _notes(rows: list[Row]) -> list[Text]:
 
 
 STUDY = Study(
-    kinds=(Row,),
+    kinds=(Row, Gradient),
     stages=stages,
     tables=[
         _best,
         table(
             "Gradient of a loss of the same motion by tensions",
             *("model", "n", "integrator", "tolerance", "e_gradient", "core_seconds"),
-            *(Column("over the motion", "value"), "compiled"),
-            where={"kind": "gradient"},
+            *("over_motion", "times", "compiled"),
+            of=Gradient,
         ),
         table(
             "Steps of an arm in space",
@@ -459,7 +492,7 @@ STUDY = Study(
         table(
             "Computing time of a peer over that of ours at no larger mean error",
             Column("peer", lambda row: row.integrator or row.model),
-            *("n", "tolerance", "e_mean", "e_gradient"),
+            *("n", "tolerance", "e_mean"),
             Column("ours", lambda row: row.model if row.integrator else ""),
             "value",
             where={"kind": "ratio"},

@@ -4,7 +4,7 @@ import pytest
 
 from studies import peers
 from studies.lab import Lab
-from studies.peers import OURS, Row
+from studies.peers import OURS, Gradient, Row
 
 
 def motion(package, model, error, seconds):
@@ -20,22 +20,22 @@ def test_a_ratio_is_to_the_fastest_of_ours_that_errs_no_more():
         motion("soromox", "PlanarPCS", 1e-3, 0.020),
         motion("soromox", "PlanarPCS", 5e-3, 0.030),  # a faster one of it errs less
     ]
-    (ratio,) = peers.ratios(rows, "e_mean")
+    (ratio,) = peers.ratios(rows)
     assert ratio.value == pytest.approx(10) and ratio.model == "mujoco_chain"
     assert peers.with_ratios(rows) == [*rows, ratio]
 
 
 def test_gradients_are_compared_by_their_own_errors():
-    def gradient(package, model, error, seconds):
-        return Row("gradient", package, "1", model, 6, e_gradient=error, core_seconds=seconds)
+    def gradient(package, error, seconds):
+        about = {"model": "any", "n": 6, "integrator": "any", "tolerance": None}
+        cost = {"core_seconds": seconds, "compiled": 1.0, "over_motion": 3.0}
+        return Gradient("gradient", package, "1", e_gradient=error, **about, **cost)
 
-    rows = [
-        gradient(OURS, "mujoco_chain", 0.2, 0.01),
-        gradient(OURS, "mujoco_chain", 0.05, 0.02),
-        gradient("soromox", "PlanarPCS", 0.08, 2.0),
-    ]
-    (ratio,) = peers.with_ratios(rows)[3:]
-    assert ratio.value == pytest.approx(100) and ratio.e_gradient == 0.08
+    ours = [gradient(OURS, 0.2, 0.01), gradient(OURS, 0.05, 0.02)]
+    theirs = [gradient("soromox", 0.08, 2.0), gradient("soromox", 0.01, 3.0)]
+    found = peers.compared([*ours, *theirs])
+    assert found[:2] == ours and found[3] == theirs[1]
+    assert found[2].times == pytest.approx(100)
 
 
 def test_absent_peers_are_said(monkeypatch):
@@ -64,4 +64,4 @@ def test_our_gradient_nears_that_of_the_limit():
     limit = peers.truth(quick=True)
     coarse, fine = peers.our_gradients(limit, peers.true_gradient(limit, quick=True), quick=True)
     assert fine.e_gradient < 0.35 * coarse.e_gradient < 0.1
-    assert fine.value < 6
+    assert fine.over_motion < 6
