@@ -123,7 +123,7 @@ def _share(distance: float | None, length: float) -> float | None:
 def _judged(scene: Scene, rng: np.random.Generator) -> tuple[int, float | None]:
     """Number of inputs at which a scene is judged, and its largest error [m].
 
-    Infinite where the finer chain does not stand near.
+    Infinite where the finer chain has no equilibrium near.
     """
     config = scene.config
     try:
@@ -204,6 +204,6 @@ STUDY = Study(
         ),
     ],
     note="error, estimate: over the length; warned: told that the estimate is beyond the accuracy, "
-    "or that the robot does not stand at full scale; time: of the processor",
+    "or that the robot has no equilibrium at full scale; time: of the processor",
     options=("count", "seed"),
 )

@@ -265,15 +265,11 @@ def _threads(count: int) -> ThreadRow:
             batch.advance()
 
     gradients(1)  # compiles
-    times = [
-        [best_of(f, 3, perf_counter)[0] for f in _with(g, threads)] for g in (gradients, forward)
-    ]
-    speedups = [one / many for one, many in times]
+    speedups = []
+    for work in (gradients, forward):
+        alone, together = (best_of(partial(work, k), 3, perf_counter)[0] for k in (1, threads))
+        speedups.append(alone / together)
     return ThreadRow(scene.config.robot.name, count, threads, *speedups, speedups[0] / speedups[1])
-
-
-def _with(work: Callable[[int], None], threads: int) -> list[Callable[[], None]]:
-    return [partial(work, 1), partial(work, threads)]
 
 
 _MEASURES = {"scene": _scene, "cost": _cost, "path": _path, "threads": _threads}

@@ -122,7 +122,7 @@ class Gradient(Record):
 #: Gravity acts towards the tip.
 ROBOT = replace(ARM, inner_radius=0.0, gravity=(0.0, 0.0, 9.81))
 
-_TOLERANCES, _MOST_STEPS = (1e-2, 1e-3, 1e-4, 1e-5), 1_000_000
+_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
 
 
 def truth(quick: bool) -> Limit:
@@ -229,7 +229,7 @@ def _traced(n: int, integrator: str) -> Callable[[Any, float], Any]:
             save_ts=times,
             solver=getattr(diffrax, integrator)(),
             stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
-            max_steps=_MOST_STEPS,
+            max_steps=1_000_000,
         )
         return jax.vmap(lambda y: robot.forward_kinematics(y[:n], ROBOT.length)[1:])(motion.y)
 

@@ -54,7 +54,7 @@ class _Played:
     ) -> tuple[ndarray, int]:
         """The next action."""
         count = state or 0
-        return self._actions[min(count, len(self._actions) - 1)], count + 1
+        return self._actions[count], count + 1
 
 
 @filling

@@ -171,9 +171,13 @@ class Columns:
 
     def columns(self) -> dict[str, ndarray]:
         """The columns (rows, ...) by name."""
+        if not self._blocks:
+            return {}
+        *full, last = self._blocks
+        left = self._count - _BLOCK * len(full)
         return {
-            name: np.concatenate([block[name] for block in self._blocks])[: self._count]
-            for name in (self._blocks[0] if self._blocks else ())
+            name: np.concatenate([*(block[name] for block in full), rows[:left]])
+            for name, rows in last.items()
         }
 
 

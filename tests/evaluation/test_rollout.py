@@ -56,7 +56,7 @@ def test_error_is_the_euclidean_distance(rollout):
     np.testing.assert_allclose(record.error, [5.0, 2.0, 3.0], rtol=1e-14)
 
 
-@pytest.mark.parametrize("count", [1, 4, 11])
+@pytest.mark.parametrize("count", [1, 4, 8, 11])
 def test_columns_of_many_blocks_are_joined_in_order(monkeypatch, count):
     monkeypatch.setattr(run, "_BLOCK", 4)
     columns, rows = run.Columns(), np.arange(float(count))
@@ -66,3 +66,4 @@ def test_columns_of_many_blocks_are_joined_in_order(monkeypatch, count):
     assert np.array_equal(joined["time"], rows)
     assert np.array_equal(joined["tip"], np.repeat(-rows[:, None], 3, axis=1))
     assert np.array_equal(joined["powered"], rows > 5)
+    assert run.Columns().columns() == {} and joined["tip"].base is None
