@@ -561,7 +561,9 @@ def _amounts(twin: int) -> list[lab.Record]:
         some = forced[: max(1, round(share * len(forced)))]
         few = decays[:: max(1, round(1 / share))]
         how = Settings(order=order, input_order=order)
-        model, time = _learned(partial(learn, few, some, how, lower=False))
+        model, time = _learned(partial(learn, few, some, how))
+        if model is not None and model.powers.sum(axis=1).max() < order:  # that order is unstable
+            model = None
         times = time, None if model is None else _time(model, data)
         rows.append(DataRow(twin, minutes, order, _rms(model, data.unseen), *times))
     return rows
