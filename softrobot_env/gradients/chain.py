@@ -40,9 +40,12 @@ class Posture(NamedTuple):
         length, rate: (ntendon,) [m, m/s].
         span: (parts, 4), direction and length of spans.
         pull: (ntendon,) [N], tension, positive if it pulls.
+        tension: (nu,) [N], forces of the drives.
         law: (nu,), whether a drive is at its least (-1) or largest (1) force, or between.
         force: (nv,), all forces but what an Euler step finds.
-        columns: (wound + rubs, nv), moment arms of drives of lengths and of tendons that rub.
+        columns: (wound + rubs + zones, nv), moment arms of drives of lengths, of tendons that rub,
+            and of what lies beyond zones.
+        exponent: (zones,) [1], logarithms of the largest ratios of tensions, 0 of slack tendons.
         axes, inertias: As `axis` and `inertia`, in one row.
     """
 
@@ -56,9 +59,11 @@ class Posture(NamedTuple):
     rate: ndarray
     span: ndarray
     pull: ndarray
+    tension: ndarray
     law: ndarray
     force: ndarray
     columns: ndarray
+    exponent: ndarray
     axes: ndarray
     inertias: ndarray
 
@@ -69,7 +74,9 @@ class Room(NamedTuple):
     Attributes:
         fields, back: (FIELDS, nbody, 6), and derivatives by them.
         wrench: (nbody, 6).
-        seeds: (4, ntendon), derivatives by tendons' rates in three fields, and by their lengths.
+        seeds: (4, parts), derivatives by the rates in three fields, and by the length, of a tendon
+            from a part to its end.
+        exponents: (zones,), derivatives by these.
         rates: (2, ntendon), of tendons by the adjoint, and by the velocities at the end.
         scratch: (4, 6).
     """
@@ -78,6 +85,7 @@ class Room(NamedTuple):
     back: ndarray
     wrench: ndarray
     seeds: ndarray
+    exponents: ndarray
     rates: ndarray
     scratch: ndarray
 
@@ -357,8 +365,9 @@ def pull_tendons(plan, values, at, controls):
         at.pull[t] = _resist(values.tendon[t], way, at.rate[t])
     for d in range(plan.tendon.size):
         t = plan.tendon[d]
+        at.tension[d] = drive_force(plan, values, at, controls, d)
         if t >= 0:
-            at.pull[t] -= plan.gear[d] * drive_force(plan, values, at, controls, d)
+            at.pull[t] -= plan.gear[d] * at.tension[d]
 
 
 @jit
@@ -424,7 +433,8 @@ def evaluate(plan, values, at, controls, known, room):
     for i in range(at.force.size):
         at.force[i] = -_resist(values.joint[i], at.q[i] - values.joint[i, m.REST], at.v[i])
     for t in range(at.pull.size):
-        add_tendon(plan, values, at, t, -at.pull[t], at.force, room.wrench)
+        parts = plan.begin[t], plan.begin[t + 1]
+        _add_parts(plan, values, at, parts, -at.pull[t], at.force, room.wrench)
     _add_loads(plan, values, at, controls, room)
     gather(plan, at, room.wrench, at.force)
     for c in range(at.columns.shape[0]):
@@ -433,22 +443,32 @@ def evaluate(plan, values, at, controls, known, room):
 
 @jit
 def _fill_column(plan, values, at, c, wrench):
-    column, wound = at.columns[c], plan.wound.size
+    column = at.columns[c]
     for i in range(column.size):
         column[i] = 0.0
-    t = plan.tendon[plan.wound[c]] if c < wound else plan.rubs[c - wound]
-    share = plan.gear[plan.wound[c]] if c < wound else 1.0
-    one = plan.begin[t]
+    t, one = column_from(plan, c)
+    share = plan.gear[plan.wound[c]] if c < plan.wound.size else 1.0
     clear(wrench)
-    add_tendon(plan, values, at, t, 0.0 * at.q[0] + share, column, wrench)
-    if one < plan.begin[t + 1] and plan.parts[one, 1] >= 0:
+    _add_parts(plan, values, at, (one, plan.begin[t + 1]), 0.0 * at.q[0] + share, column, wrench)
+    if plan.parts[one, 1] >= 0:
         gather(plan, at, wrench, column)
 
 
 @jit
-def add_tendon(plan, values, at, t, push, force, wrench):
-    """Add what a tendon does that pushes [N], to forces (nv,) and wrenches of bodies."""
-    for k in range(plan.begin[t], plan.begin[t + 1]):
+def column_from(plan, c):
+    """The tendon of a column, and the part from which on it is of it."""
+    wound, whole = plan.wound.size, plan.wound.size + plan.rubs.size
+    if c >= whole:
+        zone = plan.zones[c - whole]
+        return plan.tendon[zone[0]], zone[1]
+    t = plan.tendon[plan.wound[c]] if c < wound else plan.rubs[c - wound]
+    return t, plan.begin[t]
+
+
+@jit
+def _add_parts(plan, values, at, parts, push, force, wrench):
+    """Add what parts of a tendon do that pushes [N], to forces (nv,) and wrenches of bodies."""
+    for k in range(parts[0], parts[1]):
         one, other = plan.parts[k, 0], plan.parts[k, 1]
         if other < 0:
             force[one] += push * values.arm[k]
@@ -473,7 +493,7 @@ def _add_loads(plan, values, at, controls, room):
         if plan.tendon[d] >= 0:
             continue
         site, load = -1 - plan.tendon[d], room.scratch[0]
-        amount = drive_force(plan, values, at, controls, d)
+        amount = at.tension[d]
         direct_load(plan, at, d, site, load)
         _push(plan, values, at, site, amount, load[3:], room.wrench)
         for k in range(3):

@@ -17,6 +17,7 @@ from softrobot_env.scene.assembly import AssembledScene
 from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.integration import layout
 from softrobot_env.scene.integration.articulated import runs
+from softrobot_env.scene.integration.zones import Zones
 from softrobot_env.scene.tendons import is_ideal
 
 #: Columns of `Values.joint`: rest [rad], stiffness [N m] and its higher powers, damping, armature.
@@ -46,7 +47,12 @@ class Plan(NamedTuple):
         gear: (nu,), of drives, and whether a load follows its body (1).
         loads: (nu, 6), force and moment of a load.
         control: (2, nu), smallest and largest.
-        wound, rubs: Drives of lengths, and tendons with friction.
+        wound, rubs: Drives of lengths, and tendons with friction of whatever tension.
+        zones: (zones, 3), where friction grows with the tension, see `scene.integration.capstan`:
+            a drive, the first part of its tendon that lies beyond, and whether the feed line rubs.
+        bends: (bends, 4), where tendons turn on their way to the zones: a tendon, a body with its
+            station in `Values.rough`, or the part after a guide with -1, and a zone.
+        shares: (bends, 2), of a bend in that zone and in the next.
     """
 
     parents: ndarray
@@ -65,6 +71,9 @@ class Plan(NamedTuple):
     control: ndarray
     wound: ndarray
     rubs: ndarray
+    zones: ndarray
+    bends: ndarray
+    shares: ndarray
 
 
 class Values(NamedTuple):
@@ -79,6 +88,7 @@ class Values(NamedTuple):
         arm: (parts,) [m], of tendons along joints.
         site: (sites, 3) [m], in their bodies.
         drive: (nu, 5), see `GAIN` and after.
+        rough: (ntendon, n), rows of `tendon_user`, see `scene.integration.layout`.
         gravity: (1, 3) [m/s2].
     """
 
@@ -90,6 +100,7 @@ class Values(NamedTuple):
     arm: ndarray
     site: ndarray
     drive: ndarray
+    rough: ndarray
     gravity: ndarray
 
 
@@ -107,7 +118,6 @@ def refusals(scene: "build.Scene | AssembledScene") -> Iterator[str]:
         ),
         "ball joints": (model.jnt_type != mjtJoint.mjJNT_HINGE).any(),
         "servos with a gain, spools that wind layers and wires that seat": not is_ideal(model),
-        "friction that grows with a tendon's tension": bool(layout.zones(model)),
         "tendons around surfaces": (model.wrap_type > int(mjtWrap.mjWRAP_SITE)).any(),
         "elastic tendons that go slack": (elastic & (low != high)).any(),
         "dampers that are not linear": model.dof_dampingpoly.any()
@@ -144,6 +154,7 @@ def plan_of(model: MjModel) -> Plan:
         np.stack([low, high]),
         np.flatnonzero(model.actuator_biasprm[:, 1] < 0).astype(np.int32),
         np.flatnonzero(model.tendon_frictionloss > 0).astype(np.int32),
+        *_zones(model, begin, model.site_bodyid[sites], parts),
     )
 
 
@@ -170,6 +181,60 @@ def _parts(model: MjModel) -> tuple[ndarray, ndarray, ndarray, ndarray]:
     return table[:, 1] >= 0, sites, table, np.array(begin, np.int32)
 
 
+def _zones(
+    model: MjModel, begin: ndarray, on: ndarray, parts: ndarray
+) -> tuple[ndarray, ndarray, ndarray]:
+    """`Plan.zones`, `bends` and `shares`."""
+    found, zones, bends, shares = Zones(model), [], [], []
+    moved = np.where(parts[:, 1] < 0, parts[:, 0], (_beyond(model) - 1)[on[parts[:, 1]]])
+    for drive, count in layout.zones(model):
+        tendon, first = model.actuator_trnid[drive, 0], len(zones)
+        own = range(begin[tendon], begin[tendon + 1])
+        for number, dof in enumerate(found.first[first : first + count].tolist()):
+            part = next((k for k in own if moved[k] >= dof), own.start)
+            zones.append((drive, part, number == 0))
+        for where, zone, later in _bends(model, tendon, count - 1, own.start):
+            bends.append((tendon, *where, first + 1 + zone))
+            shares.append((1 - later, later if zone + 2 < count else 0.0))
+    tables = (zones, 3), (bends, 4)
+    return (
+        *(np.array(x, np.int32).reshape(-1, columns) for x, columns in tables),
+        np.array(shares).reshape(-1, 2),
+    )
+
+
+def _beyond(model: MjModel) -> ndarray:
+    """(nbody,), the DOF after the last that moves a body."""
+    out = np.zeros(model.nbody, int)
+    for b in range(1, model.nbody):
+        own = model.body_dofadr[b] + model.body_dofnum[b]
+        out[b] = own if model.body_dofnum[b] else out[model.body_parentid[b]]
+    return out
+
+
+def _bends(
+    model: MjModel, tendon: int, zones: int, first: int
+) -> Iterator[tuple[tuple[int, int], int, float]]:
+    """Where a tendon turns, a body and its station or a part and -1; its zone, and how late in it.
+
+    A channel's stations are shared by half, a tendon's guides by how far they are from the next.
+    """
+    stations = int(model.tendon_user[tendon, layout.STATIONS])
+    if stations:
+        start, size = model.ten_J_rowadr[tendon], model.ten_J_rownnz[tendon]
+        columns = model.ten_J_colind[start : start + size]
+        bodies = np.unique(model.dof_bodyid[columns])[-stations:]
+        for k, body in enumerate(bodies.tolist()):
+            place = layout.COURSE + layout.STATION * k
+            yield (body, place), k * zones // stations, 0.5
+        return
+    guides = model.tendon_num[tendon] - 1
+    for k in range(guides):
+        zone = k * zones // guides
+        start, end = -(-zone * guides // zones), -(-(zone + 1) * guides // zones)
+        yield (first + k, -1), zone, (k - start) / (end - start)
+
+
 def values_of(model: MjModel) -> Values:
     """The numbers of a model."""
     spatial, sites, parts, _ = _parts(model)
@@ -188,6 +253,7 @@ def values_of(model: MjModel) -> Values:
         arm,
         model.site_pos[sites],
         np.column_stack([model.actuator_gainprm[:, 0], model.actuator_biasprm[:, :2], *force]),
+        model.tendon_user.copy(),
         model.opt.gravity[None].copy(),
     )
 
@@ -204,6 +270,11 @@ def _inertias(model: MjModel) -> ndarray:
         out[b, :6] = full[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         out[b, 6:9], out[b, 9] = mass * centre, mass
     return out
+
+
+def columns_of(plan: Plan) -> int:
+    """Number of columns of impulses, see `holding`."""
+    return len(plan.wound) + len(plan.rubs) + len(plan.zones)
 
 
 def flat(values: Values) -> ndarray:

@@ -126,7 +126,7 @@ def _numbers(scene: Scene, one: Parameter, value: float) -> ndarray:
     except ValueError as error:
         raise ValueError(f"no derivative by {one.name!r}: at {value:g} {error}") from error
     numbers, own, other = flat(values_of(model)), plan_of(scene.model), plan_of(model)
-    alike = (own.parents, own.parts, own.rubs), (other.parents, other.parts, other.rubs)
+    alike = ((x.parents, x.parts, x.rubs, x.zones, x.bends) for x in (own, other))
     if not all(map(np.array_equal, *alike)) or not np.allclose(own.axis, other.axis):
         raise ValueError(f"no derivative by {one.name!r}: it changes what is joined to what")
     return numbers

@@ -25,7 +25,8 @@ from softrobot_env.scene.statics import checked_controls, finite
 
 from . import tape as tapes
 from .chain import FIELDS, Posture, Room
-from .model import Plan, Values, flat, plan_of, refusals, shaped, values_of
+from .holding import Step
+from .model import Plan, Values, columns_of, flat, plan_of, refusals, shaped, values_of
 from .parameters import Parameter, parameter, sensitivities
 from .step import Back
 from .winding import Turns
@@ -49,6 +50,8 @@ class Derivatives:
         parameters: By the parameters of the rollout, by their names.
         switches: Intervals in which a drive or friction had another law than in the one before:
             the derivative is that of the piece in between.
+        strays: Intervals in which friction had several solutions, of which that of the simulation
+            was not found again: the derivative is that of another one.
     """
 
     position: ndarray
@@ -56,6 +59,7 @@ class Derivatives:
     inputs: ndarray
     parameters: dict[str, float]
     switches: int
+    strays: int = 0
 
 
 class Observed(NamedTuple):
@@ -214,8 +218,7 @@ class Rollout:
     def zero(self) -> Back:
         """Derivatives that are zero."""
         nv, nu = len(self.plan.axis), len(self.plan.tendon)
-        columns = len(self.plan.wound) + len(self.plan.rubs)
-        sizes = (nv,), (nv,), (nu,), (1, nv), (nv,), (columns,)
+        sizes = (nv,), (nv,), (nu,), (1, nv), (nv,), (columns_of(self.plan),)
         return Back(*map(np.zeros, sizes), Values(*map(np.zeros_like, self.values)))
 
     @cached_property
@@ -376,14 +379,16 @@ class Motion(_Looked):
         seeds = np.zeros((len(self._tape) + 1, *by_state.shape[1:]))
         seeds[self._ends] = by_state
         ramps = np.stack([self._ramps, np.zeros_like(self._ramps)])
-        switches = tapes.retrace(own.plan, own.values, *own.track, self._tape, ramps, (back, seeds))
+        slides, strays = self._slides
+        chain = own.plan, own.values, *own.track, self._tape
+        switches = tapes.retrace(*chain, ramps, slides, (back, seeds))
         inputs = self._by_inputs(ramps[1], by_control)
         by_parameters = own.by_parameters @ flat(back.values)
         named = dict(zip(own.parameters, by_parameters.tolist(), strict=True))
         if self._resting and named:
             at_rest = own.rest().vjp(position=back.q[None])[1]
             named = {name: value + at_rest[name] for name, value in named.items()}
-        return Derivatives(back.q, back.v, inputs, named, switches)
+        return Derivatives(back.q, back.v, inputs, named, switches, strays)
 
     def linearised(self) -> tuple[ndarray, ndarray]:
         """Derivatives of the state (2 nv,), positions first, at the end of each period.
@@ -400,7 +405,8 @@ class Motion(_Looked):
         by_state = np.zeros((len(self.inputs), 2 * nv, 2 * nv))
         by_ramp = np.zeros((n, 2 * nv, *self._ramps.shape[1:]))
         chain = own.plan, own.values, *own.track, self._tape
-        tapes.linearise(*chain, self._ramps, self._ends, (back, by_state, by_ramp))
+        by = back, by_state, by_ramp
+        tapes.linearise(*chain, self._ramps, self._slides[0], self._ends, by)
         applied = np.add.reduceat(by_ramp.sum(axis=2), self._ends[:-1])
         return by_state, self._by_given(applied)
 
@@ -416,6 +422,19 @@ class Motion(_Looked):
             by_state, _ = self._by_seen({name: weights}, self._rollout.zero())
             rows.append(by_state.reshape(len(by_state), -1))
         return np.stack(rows, axis=1)
+
+    @cached_property
+    def _slides(self) -> tuple[ndarray, int]:
+        """What `tapes.find_slides` finds and returns."""
+        own, columns, at = self._rollout, columns_of(self._rollout.plan), layout.INTERVAL
+        found = np.zeros((len(self._tape), tapes.STEPS, columns), np.int8)
+        if len(own.plan.rubs) + len(own.plan.zones) == 0:
+            return found, 0
+        states = self._tape[1:, at : at + 2 * self._nv].reshape(-1, 2, self._nv)
+        after = np.concatenate([states, self._states[-1:]])
+        chain = own.plan, own.values, *own.track, self._tape
+        slides = found, np.zeros((tapes.TRIED, columns))
+        return found, tapes.find_slides(*chain, self._ramps, after, slides)
 
     @property
     def _nv(self) -> int:
@@ -475,7 +494,8 @@ class Motion(_Looked):
         way = np.array([(parameters or {}).get(name, 0.0) for name in own.parameters])
         row = flat(own.values) + 1j * _TINY * (way @ own.by_parameters)
         values = shaped(row, own.values)
-        tapes.follow(own.plan, values, track, room, self._tape, ramps, states)
+        chain = own.plan, values, track, room, self._tape
+        tapes.follow(*chain, ramps, self._slides[0], states)
         seen = np.zeros((len(self._states), self._seen), complex)
         states = np.ascontiguousarray(states[self._ends])
         tapes.observe(own.plan, values, track, room, states, controls, seen)
@@ -511,7 +531,7 @@ def _track(plan: Plan, kind: type) -> tuple[tapes.Track, Room]:
         len(plan.begin) - 1,
         len(plan.tendon),
     )
-    columns, parts = len(plan.wound) + len(plan.rubs), len(plan.parts)
+    columns, parts, zones = columns_of(plan), len(plan.parts), len(plan.zones)
     p, s = tapes.POSTURES, tapes.STEPS
 
     def new(*shape: int) -> ndarray:
@@ -521,16 +541,20 @@ def _track(plan: Plan, kind: type) -> tuple[tapes.Track, Room]:
     joints, places = (new(p, nv), new(p, nv)), (new(p, bodies, 3), new(p, bodies, 9))
     lines = new(p, tendons), new(p, tendons), new(p, parts, 4), new(p, tendons)
     flat_views = axis.reshape(p, -1), inertia.reshape(p, -1)
-    forces = new(p, nu), new(p, nv), new(p, columns, nv)
+    forces = new(p, nu), new(p, nu), new(p, nv), new(p, columns, nv), new(p, zones)
     postures = Posture(*joints, *places, axis, inertia, *lines, *forces, *flat_views)
     trees = new(s, nv, 6), new(s, nv, 6), new(s, nv), new(plan.run[0], 21), new(plan.run[0], 6)
-    held = (new(s, columns) for _ in range(4))
-    steps = new(s, nv), new(s, 1 + columns, nv), new(s, columns, columns)
-    steps = *steps, new(s, columns + 1, columns), *held, new(s, nv)
+    each = [new(s, columns) for _ in range(5)]
+    counts = [np.zeros((s, columns), np.int64) for _ in range(3)]
+    steps = Step(
+        (), new(s, nv), new(s, nv), new(s, 1 + columns, nv), new(s, columns, columns),
+        new(s, columns, nv), new(s, columns, columns), *each, new(s, nv), *counts,
+        new(s, columns), np.zeros((s, 1), np.int64),
+    )  # fmt: skip
     weights, owner, laws = np.zeros((2, 4, 4)), np.zeros(s, np.int64), np.zeros((2, nu + columns))
     ends = new(2, nv), new(2, nv), new(2, nv)
     track = tapes.Track(
         postures, trees, steps, weights, new(p, nu), owner, *ends, laws, new(columns)
     )
     fields = new(FIELDS, bodies, 6), new(FIELDS, bodies, 6), new(bodies, 6)
-    return track, Room(*fields, new(4, tendons), new(2, tendons), new(4, 6))
+    return track, Room(*fields, new(4, parts), new(zones), new(2, tendons), new(4, 6))

@@ -1,13 +1,13 @@
 """One linearly implicit Euler step of a chain, as `scene.integration.euler` takes it, and back.
 
-With the moment arms C of springs of drives and of friction that sticks, their impulses s and what
-they give way by, E, the change w of the velocities v in a step h solves
+With the moment arms C of springs of drives and of friction, and their impulses s, see `holding`,
+the change w of the velocities v in a step h solves
 
-    A w + C' s = h (f - h K v),    C (v + w) = E s.
+    A w + C' s = h (f - h K v).
 
-The adjoint solves the same symmetric system for what is wanted of the step's end; then derivatives
-by all else are those of a work, that of the unbalanced forces along the adjoint a. Most of it is h
-times the power of the bodies' inertia, of a twist of every body by a.
+The adjoint solves the same system, transposed, for what is wanted of the step's end; then
+derivatives by all else are those of a work, that of the unbalanced forces along the adjoint a. Most
+of it is h times the power of the bodies' inertia, of a twist of every body by a.
 """
 
 from typing import NamedTuple
@@ -16,40 +16,14 @@ from numpy import ndarray
 
 from softrobot_env.compile.native import jit
 from softrobot_env.scene.integration import articulated
-from softrobot_env.scene.integration.articulated import Tree
 from softrobot_env.scene.integration.linear_algebra import dot
 
-from . import chain
+from . import bends, chain, holding
 from . import model as m
 from .chain import ACCELERATION, ADJOINT, BY_ADJOINT, BY_END, BY_LENGTHS, BY_RATE, END, VELOCITY
 
-#: As `scene.integration.friction`: what sticks gives way by this share, and what is rounding.
-_GIVE, _SLOW, _WEAK, _GUESSES = 1e-9, 1e-9, 1e-7, 60
-
-
-class Step(NamedTuple):
-    """An Euler step from a posture.
-
-    Attributes:
-        tree: Factors of the mass matrix with springs and dampers.
-        diagonal: (nv,), those.
-        answers: (1 + columns, nv), change by forces and by the impulses of the columns.
-        coupling, factor: (columns, columns), rates by impulses, and factors of the system.
-        active, give, impulse: (columns,), whether one is unknown, what it gives way by, and it.
-        slide: (columns,), whether what rubs slides, by the sign of the length's rate, or sticks.
-        change: (nv,), of velocities.
-    """
-
-    tree: Tree
-    diagonal: ndarray
-    answers: ndarray
-    coupling: ndarray
-    factor: ndarray
-    active: ndarray
-    give: ndarray
-    impulse: ndarray
-    slide: ndarray
-    change: ndarray
+#: Share [1] of a derivative that is looked for.
+_TELLING = 1e-10
 
 
 class Back(NamedTuple):
@@ -74,126 +48,14 @@ class Back(NamedTuple):
 
 
 @jit
-def euler(plan, values, at, step, h):
-    """Find the change of the velocities in a step [s] from a posture."""
+def euler(plan, values, at, step, h, known):
+    """Find the change of the velocities in a step [s] from a posture, see `holding.hold`."""
     for i in range(at.v.size):
         own = values.joint[i]
         step.diagonal[i] = own[m.ARMATURE] + h * (own[m.DAMP] + h * own[m.STIFF])
-        step.answers[0, i] = h * (at.force[i] - h * own[m.STIFF] * at.v[i])
-    columns = at.columns.shape[0]
-    for c in range(columns):
-        for i in range(at.v.size):
-            step.answers[1 + c, i] = at.columns[c, i]
+        step.right[i] = h * (at.force[i] - h * own[m.STIFF] * at.v[i])
     articulated.factorize(step.tree, at.axes, at.inertias, step.diagonal)
-    for c in range(1 + columns):
-        articulated.solve(step.tree, step.answers[c : c + 1].T, 1)
-    for i in range(at.v.size):
-        step.change[i] = step.answers[0, i]
-    if columns:
-        _hold(plan, values, at, step, h)
-
-
-@jit
-def _hold(plan, values, at, step, h):
-    """Find impulses, and let them act."""
-    columns, wound = at.columns.shape[0], plan.wound.size
-    for c in range(columns):
-        for d in range(columns):
-            step.coupling[c, d] = dot(at.columns[c], step.answers[1 + d])
-        if c < wound:
-            step.active[c] = 1.0 if at.law[plan.wound[c]].real == 0 else 0.0
-            step.give[c] = -1 / (h * h * values.drive[plan.wound[c], m.BY_LENGTH])
-        else:
-            step.give[c] = _GIVE * step.coupling[c, c]
-    for _ in range(_GUESSES):
-        _impulses(plan, values, at, step, h)
-        if wound == columns or not _mended(plan, values, at, step, h):
-            break
-    for c in range(columns):
-        for i in range(at.v.size):
-            step.change[i] -= step.impulse[c] * step.answers[1 + c, i]
-
-
-@jit
-def _impulses(plan, values, at, step, h):
-    """Impulses by the guess of what slides."""
-    columns, wound = at.columns.shape[0], plan.wound.size
-    for c in range(columns):
-        step.impulse[c] = 0.0
-        if c >= wound:
-            friction = values.tendon[plan.rubs[c - wound], m.FRICTION]
-            step.active[c] = 1.0 if step.slide[c].real == 0 else 0.0
-            step.impulse[c] = h * step.slide[c] * friction
-    found = step.factor[columns]
-    for c in range(columns):
-        found[c] = 0.0
-        for d in range(c + 1):
-            both = step.active[c].real != 0 and step.active[d].real != 0
-            step.factor[c, d] = step.coupling[c, d] if both else 0.0
-        if step.active[c].real == 0:
-            step.factor[c, c] = 1.0
-            continue
-        step.factor[c, c] += step.give[c]
-        found[c] = dot(at.columns[c], at.v) + dot(at.columns[c], step.answers[0])
-        for d in range(columns):
-            found[c] -= step.coupling[c, d] * step.impulse[d]
-    _factorize(step.factor, columns)
-    _substitute(step.factor, found, columns)
-    for c in range(columns):
-        step.impulse[c] += found[c]
-
-
-@jit
-def _factorize(matrix, n):
-    """Factors L' D L of (n, n), of which the lower half is given, in its place, from the last row.
-
-    L has ones on its diagonal, where the inverse of D is kept.
-    """
-    for i in range(n - 1, -1, -1):
-        inverse = 1 / matrix[i, i]
-        for j in range(i):
-            share = matrix[i, j] * inverse
-            for k in range(j + 1):
-                matrix[j, k] -= share * matrix[i, k]
-        for k in range(i):
-            matrix[i, k] *= inverse
-        matrix[i, i] = inverse
-
-
-@jit
-def _substitute(factor, x, n):
-    """x (n,) becomes the solution, by the factors of `_factorize`."""
-    for i in range(n - 1, -1, -1):
-        for k in range(i):
-            x[k] -= factor[i, k] * x[i]
-    for i in range(n):
-        rest = x[i] * factor[i, i]
-        for k in range(i):
-            rest -= factor[i, k] * x[k]
-        x[i] = rest
-
-
-@jit
-def _mended(plan, values, at, step, h):
-    """Whether the guess of what slides was wrong, which it no more is of some."""
-    columns, wound, wrong = at.columns.shape[0], plan.wound.size, False
-    largest, fastest, rates = 0.0, 0.0, step.factor[columns]
-    for c in range(columns):
-        rates[c] = dot(at.columns[c], at.v) + dot(at.columns[c], step.answers[0])
-        for d in range(columns):
-            rates[c] -= step.coupling[c, d] * step.impulse[d]
-        if c >= wound:
-            largest = max(largest, abs(step.impulse[c].real))
-            fastest = max(fastest, abs(rates[c].real))
-    for c in range(wound, columns):
-        side, impulse = step.slide[c].real, step.impulse[c].real
-        most = h * values.tendon[plan.rubs[c - wound], m.FRICTION].real
-        if side == 0:
-            if abs(impulse) > most + _WEAK * largest:
-                step.slide[c], wrong = (1.0 if impulse > 0 else -1.0), True
-        elif side * rates[c].real < -_SLOW * fastest:
-            step.slide[c], wrong = 0.0, True
-    return wrong
+    holding.hold(plan, values, at, step, h, known)
 
 
 # ---------------------------------------------------------------- and back
@@ -205,24 +67,29 @@ def pull_back(plan, values, at, step, h, controls, room, back):
 
     Those by controls and the chain's numbers are added up.
     """
-    adjoint, columns = back.adjoint[0], at.columns.shape[0]
+    adjoint, columns, size = back.adjoint[0], at.columns.shape[0], 0.0
     for i in range(at.v.size):
         back.v[i] += h * back.q[i]
         adjoint[i] = -back.v[i]
         back.end[i] = at.v[i] + step.change[i]
     articulated.solve(step.tree, back.adjoint.T, 1)
-    for c in range(columns):
-        back.holding[c] = dot(at.columns[c], adjoint) if step.active[c].real != 0 else 0.0
-    _substitute(step.factor, back.holding, columns)
-    for c in range(columns):
-        for i in range(at.v.size):
-            adjoint[i] -= back.holding[c] * step.answers[1 + c, i]
+    if columns:
+        size = holding.hold_back(plan, at, step, back)
     _work(plan, values, at, step.change, h, room, back)
     _work_of_joints(values, at, step.change, h, back)
     work_of_forces(plan, values, at, h, controls, room, back)
     for c in range(columns):
-        _work_of_column(plan, values, at, step, c, h, room, back)
+        if holding.is_there(plan, at, c):
+            _work_of_column(plan, values, at, step, c, h, controls, room, back)
+    if plan.zones.shape[0]:
+        bends.pull_back_exponents(plan, values, at, room, back)
     sweep(plan, values, at, step.change, 1 / h, room, back)
+    for u in range(step.count[0] if columns else 0):
+        c = step.unknown[u]
+        weight = -holding.GIVE * back.holding[c] * step.impulse[c]
+        own = weight * dot(step.answers[1 + c], step.acts[u])
+        if c >= plan.wound.size and abs(own) > _TELLING * size:
+            _work_of_giving(plan, values, at, step, u, h, weight, room, back)
 
 
 @jit
@@ -278,6 +145,8 @@ def forget(room):
         chain.clear(room.back[f])
     chain.clear(room.wrench)
     chain.clear(room.seeds)
+    for z in range(room.exponents.size):
+        room.exponents[z] = 0.0
 
 
 @jit
@@ -346,16 +215,18 @@ def work_of_forces(plan, values, at, h, controls, room, back):
     for t in range(at.length.size):
         own, along = values.tendon[t], h * room.rates[0, t]
         way, out = at.length[t] - own[m.REST], back.values.tendon[t]
-        room.seeds[BY_LENGTHS, t] += _resist_back(own, out, along, way, at.rate[t])
-        room.seeds[BY_RATE, t] += along * own[m.DAMP]
-        room.seeds[BY_ADJOINT, t] += h * at.pull[t]
+        first = plan.begin[t]
+        room.seeds[BY_LENGTHS, first] += _resist_back(own, out, along, way, at.rate[t])
+        room.seeds[BY_RATE, first] += along * own[m.DAMP]
+        room.seeds[BY_ADJOINT, first] += h * at.pull[t]
     for d in range(plan.tendon.size):
         t = plan.tendon[d]
         if t < 0:
             _work_of_load(plan, values, at, d, h, controls, room, back)
             continue
         weight = -h * plan.gear[d] * room.rates[0, t]
-        room.seeds[BY_LENGTHS, t] += drive_back(plan, values, at, d, weight, controls, back)
+        by_length = drive_back(plan, values, at, d, weight, controls, back)
+        room.seeds[BY_LENGTHS, plan.begin[t]] += by_length
 
 
 @jit
@@ -389,7 +260,7 @@ def _work_of_load(plan, values, at, d, h, controls, room, back):
     chain.direct_load(plan, at, d, site, load)
     chain.find_velocity(speed, along, point)
     power = chain.product(load, along, 3) + chain.product(load[3:], speed, 3)
-    amount = chain.drive_force(plan, values, at, controls, d)
+    amount = at.tension[d]
     drive_back(plan, values, at, d, -h * power, controls, back)
     for k in range(6):
         load[k] *= -h * amount
@@ -405,20 +276,71 @@ def _work_of_load(plan, values, at, d, h, controls, room, back):
 
 
 @jit
-def _work_of_column(plan, values, at, step, c, h, room, back):
+def _work_of_column(plan, values, at, step, c, h, controls, room, back):
     """Derivatives of the work of an impulse, and of what it answers to."""
-    wound = plan.wound.size
+    wound, whole, held = plan.wound.size, plan.wound.size + plan.rubs.size, back.holding[c]
+    t, part = chain.column_from(plan, c)
+    share = plan.gear[plan.wound[c]] if c < wound else 1.0
+    room.seeds[BY_ADJOINT, part] += share * step.impulse[c]
+    if c >= wound and step.slide[c].real != 0:
+        if c < whole:
+            back.values.tendon[t, m.FRICTION] += h * step.slide[c] * held
+            return
+        d, grows = plan.zones[c - whole, 0], step.grows[c]
+        by_tension = drive_back(plan, values, at, d, h * grows * held, controls, back)
+        room.seeds[BY_LENGTHS, plan.begin[t]] += by_tension
+        by_grows = held * step.impulse[c] / grows
+        room.exponents[c - whole] = by_grows * step.slide[c] * (1 + grows)
+        return
     if c < wound:
         d = plan.wound[c]
-        t, share = plan.tendon[d], plan.gear[d]
-        given = back.holding[c] * step.impulse[c] / (h * values.drive[d, m.BY_LENGTH]) ** 2
+        given = held * step.impulse[c] / (h * values.drive[d, m.BY_LENGTH]) ** 2
         back.values.drive[d, m.BY_LENGTH] -= given
-    else:
-        t, share = plan.rubs[c - wound], 1.0
-        if step.active[c].real == 0:
-            back.values.tendon[t, m.FRICTION] += h * step.slide[c] * room.rates[0, t]
-    room.seeds[BY_ADJOINT, t] += share * step.impulse[c]
-    room.seeds[BY_END, t] += share * back.holding[c]
+    room.seeds[BY_END, part] += share * held
+
+
+@jit
+def _work_of_giving(plan, values, at, step, u, h, weight, room, back):
+    """Derivatives of a weight times the rate of an unknown by itself, by which it gives way.
+
+    That says how elements that stick share what they hold, where there are more than joints.
+    """
+    c, rate, ahead = step.unknown[u], step.answers[0], step.sides
+    for i in range(at.v.size):
+        step.right[i], rate[i] = back.v[i], step.acts[u, i]
+    articulated.solve(step.tree, step.answers[:1].T, 1)
+    for i in range(at.v.size):
+        back.adjoint[0, i], back.end[i] = step.answers[1 + c, i], rate[i]
+        along = -weight * back.adjoint[0, i] * rate[i]
+        back.values.joint[i, m.ARMATURE] += along
+        back.values.joint[i, m.DAMP] += h * along
+        back.values.joint[i, m.STIFF] += h * h * along
+    forget(room)
+    fields, by = room.fields, room.back
+    for f in range(chain.FIELDS):
+        chain.clear(fields[f])
+    chain.move_bodies(plan, at, back.adjoint[0], fields[ADJOINT])
+    chain.move_bodies(plan, at, back.end, fields[END])
+    for b in range(1, plan.parents.size):
+        if plan.massive[b]:
+            twists = fields[ADJOINT, b], fields[END, b]
+            chain.add_momentum(by[ADJOINT, b], -weight, at.inertia[b], twists[1])
+            chain.add_momentum(by[END, b], -weight, at.inertia[b], twists[0])
+            _work_by_inertia(at, b, -weight, twists, back.values.inertia[b])
+    room.seeds[BY_END, chain.column_from(plan, c)[1]] += weight
+    holding.press(plan, at, step, back.adjoint[0], ahead)
+    for d in range(plan.wound.size, at.columns.shape[0]):
+        share, grows = step.shares[d, u], step.grows[d]
+        room.seeds[BY_ADJOINT, chain.column_from(plan, d)[1]] += weight * share
+        if grows != 0:
+            by_grows = weight * ahead[d] * share / grows
+            zone = d - plan.wound.size - plan.rubs.size
+            room.exponents[zone] += by_grows * step.slide[d] * (1 + grows)
+    if plan.zones.shape[0]:
+        bends.pull_back_exponents(plan, values, at, room, back)
+    sweep(plan, values, at, step.change, 0.0, room, back)
+    for i in range(at.v.size):  # these rates are not those of the joints
+        back.v[i] = step.right[i]
 
 
 @jit
@@ -430,14 +352,18 @@ def _field(seed):
 @jit
 def _spread(plan, values, at, room, back):
     """From seeds, derivatives by lengths and rates of tendons, to those by joints and bodies."""
+    seeds = room.seeds
     for t in range(at.length.size):
-        by_length, by_rate = room.seeds[BY_LENGTHS, t], room.seeds[BY_RATE, t]
-        along, end = room.seeds[BY_ADJOINT, t], room.seeds[BY_END, t]
         for k in range(plan.begin[t], plan.begin[t + 1]):
             i = plan.parts[k, 0]
+            if k > plan.begin[t]:
+                for f in range(seeds.shape[0]):
+                    seeds[f, k] += seeds[f, k - 1]
             if plan.parts[k, 1] >= 0:
-                _spread_span(plan, values, at, t, k, room, back)
+                _spread_span(plan, values, at, k, room, back)
                 continue
+            by_length, by_rate = seeds[BY_LENGTHS, k], seeds[BY_RATE, k]
+            along, end = seeds[BY_ADJOINT, k], seeds[BY_END, k]
             back.q[i] += values.arm[k] * by_length
             back.v[i] += values.arm[k] * (by_rate + end)
             back.values.arm[k] += at.q[i] * by_length + at.v[i] * by_rate
@@ -445,7 +371,7 @@ def _spread(plan, values, at, room, back):
 
 
 @jit
-def _spread_span(plan, values, at, t, k, room, back):
+def _spread_span(plan, values, at, k, room, back):
     span, seeds = at.span[k], room.seeds
     point, moved, speed, apart = room.scratch[0], room.scratch[1], room.scratch[2], room.scratch[3]
     for r in range(3):
@@ -455,10 +381,10 @@ def _spread_span(plan, values, at, t, k, room, back):
         for f in range(BY_LENGTHS):
             chain.find_velocity(speed, room.fields[_field(f), body], point)
             for r in range(3):
-                apart[r] += (2 * side - 1) * seeds[f, t] * speed[r]
+                apart[r] += (2 * side - 1) * seeds[f, k] * speed[r]
     along = chain.product(apart, span, 3)
     for r in range(3):
-        apart[r] = (apart[r] - along * span[r]) / span[3] + seeds[BY_LENGTHS, t] * span[r]
+        apart[r] = (apart[r] - along * span[r]) / span[3] + seeds[BY_LENGTHS, k] * span[r]
     for side in range(2):
         sign = 2.0 * side - 1
         body = chain.find_point(plan, values, at, plan.parts[k, side], point)
@@ -468,7 +394,7 @@ def _spread_span(plan, values, at, t, k, room, back):
             own[3 + r] += sign * apart[r]
             moved[r] = sign * apart[r]
         for f in range(BY_LENGTHS):
-            seed = sign * seeds[f, t]
+            seed = sign * seeds[f, k]
             if seed == 0:
                 continue
             twist, by_field = room.fields[_field(f), body], room.back[_field(f), body]

@@ -3,6 +3,7 @@
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray
 
 from softrobot_env.compile.kernels import kernel
@@ -12,13 +13,17 @@ from softrobot_env.scene.integration import mujoco_functions as mj
 from softrobot_env.scene.integration.articulated import Tree
 from softrobot_env.scene.integration.extrapolation import CALMING
 
-from . import chain, step
+from . import bends, chain, step
 from .chain import Posture
-from .step import Step
+from .holding import Step
 
 #: Rows of a table, postures in which all of its steps begin, and these steps, at most.
 ROWS = 4
 POSTURES, STEPS = 1 + ROWS * (ROWS - 1) // 2, ROWS * (ROWS + 1) // 2
+
+#: Guesses of what slid before an interval that are tried, and shares [1] by which states that are
+#: the same, and others, differ.
+TRIED, _SAME, _STRAYED = 3, 1e-9, 1e-6
 
 #: Of an interval on a tape, see `layout.INTERVAL`.
 _LENGTH, _ROWS, _ENTRY, _CALMED, _BEGIN, _DURATION = range(layout.INTERVAL)
@@ -31,19 +36,19 @@ class Track(NamedTuple):
         postures: Arrays of `Posture`, each with an axis of postures before.
         trees: Arrays of `Tree` but for its first four, with an axis of steps before; the last two,
             which hold nothing afterwards, are those of all.
-        steps: Arrays of `Step` after its tree, likewise.
+        steps: `Step` without its tree, likewise.
         weights: (2, ROWS, ROWS), of the rows' ends in what was taken, by the first of them, and
             room.
         controls: (POSTURES, nu).
         owner: (STEPS,), in which posture a step begins.
         start, here, end: (2, nv), positions and velocities.
         laws: (2, ...), of the drives and of what rubs, in the interval before.
-        slides: (columns,), how what rubs last slid, see `Step`.
+        slides: (columns,), how what rubs slid before, see `holding`.
     """
 
     postures: Posture
     trees: tuple
-    steps: tuple
+    steps: Step
     weights: ndarray
     controls: ndarray
     owner: ndarray
@@ -61,7 +66,8 @@ def _posture(track, number):
     return Posture(
         p.q[number], p.v[number], p.place[number], p.frame[number], p.axis[number],
         p.inertia[number], p.length[number], p.rate[number], p.span[number], p.pull[number],
-        p.law[number], p.force[number], p.columns[number], p.axes[number], p.inertias[number],
+        p.tension[number], p.law[number], p.force[number], p.columns[number], p.exponent[number],
+        p.axes[number], p.inertias[number],
     )  # fmt: skip
 
 
@@ -69,14 +75,17 @@ def _posture(track, number):
 def _step(plan, track, number):
     """One of the steps."""
     axes, moments, inverse, inertias, motion = track.trees
-    diagonal, answers, coupling, factor, active, give, impulse, slide, change = track.steps
+    steps = track.steps
     tree = Tree(
         plan.parents, plan.first, plan.count, plan.run, axes[number], moments[number],
         inverse[number], inertias, motion,
     )  # fmt: skip
     return Step(
-        tree, diagonal[number], answers[number], coupling[number], factor[number],
-        active[number], give[number], impulse[number], slide[number], change[number],
+        tree, steps.diagonal[number], steps.right[number], steps.answers[number],
+        steps.shares[number], steps.acts[number], steps.factor[number], steps.grows[number],
+        steps.impulse[number], steps.known[number], steps.slide[number], steps.sides[number],
+        steps.change[number], steps.unknown[number], steps.order[number], steps.answered[number],
+        steps.found[number], steps.count[number],
     )  # fmt: skip
 
 
@@ -110,8 +119,11 @@ def _control(track, number, interval, ramp, time):
 
 
 @making
-def _cross(plan, values, track, room, interval, ramp):
-    """Fill a track from its start to its end."""
+def _cross(plan, values, track, room, interval, ramp, slides, known):
+    """Fill a track from its start to its end.
+
+    What slides in each step (STEPS, columns) is known, or found from `track.slides`.
+    """
     start, here, end, used, taken = track.start, track.here, track.end, 0, 0
     _weigh(interval, track.weights)
     for i in range(start.shape[1]):
@@ -126,13 +138,20 @@ def _cross(plan, values, track, room, interval, ramp):
                 _control(track, number, interval, ramp, k * part)
                 mj.assign(at.q, here[0])
                 mj.assign(at.v, here[1])
-                known = interval[interval.size - (0 if k else ramp.shape[1]) :]
-                chain.evaluate(plan, values, at, track.controls[number], known, room)
+                forces = interval[interval.size - (0 if k else ramp.shape[1]) :]
+                chain.evaluate(plan, values, at, track.controls[number], forces, room)
+                if plan.zones.shape[0]:
+                    bends.find_exponents(plan, values, at, room)
                 used += 1
             now = shared(_step(plan, track, taken))
-            mj.assign(now.slide, track.slides)
-            step.euler(plan, values, at, now, part)
-            mj.assign(track.slides, now.slide)
+            if known or taken:  # else as the integrator: from the step or the row before
+                mj.assign(now.slide, slides[taken if known else taken - 1 if k else taken - row])
+            else:
+                mj.assign(now.slide, track.slides)
+            step.euler(plan, values, at, now, part, known)
+            if not known:
+                for c in range(now.slide.size):
+                    slides[taken, c] = now.slide[c].real
             track.owner[taken] = number
             taken += 1
             for i in range(here.shape[1]):
@@ -141,6 +160,8 @@ def _cross(plan, values, track, room, interval, ramp):
         for i in range(here.shape[1]):
             end[0, i] += weight * (here[0, i] - start[0, i])
             end[1, i] += weight * here[1, i]
+    for c in range(track.slides.size):
+        track.slides[c] = slides[taken - 1, c]
 
 
 @making
@@ -178,7 +199,7 @@ def _uncross(plan, values, track, room, interval, back, ramp):
 @jit
 def _switched(track, laws, number):
     """Whether a law is another than in the interval before; laws (2, ...) are kept."""
-    switched, slide = 0, track.steps[7][0]
+    switched, slide = 0, track.steps.slide[0]
     for k in range(track.postures.law.shape[1]):
         law = track.postures.law[0, k].real
         switched = 1 if number and law != laws[0, k] else switched
@@ -189,28 +210,96 @@ def _switched(track, laws, number):
     return switched
 
 
+@jit
+def _begin(track, interval):
+    """Begin where an interval did."""
+    nv = track.start.shape[1]
+    for i in range(nv):
+        track.start[0, i] = interval[layout.INTERVAL + i]
+        track.start[1, i] = interval[layout.INTERVAL + nv + i]
+
+
 @partial(kernel, everywhere=True, nogil=True)
-def follow(plan, values, track, room, tape, ramps, states):
-    """Cross all intervals of a tape along ramps (n, 2, nu).
+def find_slides(plan, values, track, room, tape, ramps, after, slides):
+    """Find what slid in all steps of all intervals.
 
-    States (n + 1, 2, nv) are those between them, of which the first is given.
+    Some motions of what rubs have several solutions, of which a guess says which is found. The
+    integrator's is what its last step before left, which may be that of an interval that it did
+    not take. So where the interval before leaves a guess with which another state is found than
+    the integrator did, that which this leaves is tried, and that nothing slides.
 
+    Args:
+        plan, values, track, room: Of the chain.
+        tape, ramps: As of `retrace`.
+        after: (n, 2, nv), states that the integrator found.
+        slides: (n, STEPS, columns), to be found; (TRIED, columns), room.
+
+    Returns:
+        In how many intervals another state is found nevertheless.
+    """
+    slides, tried = slides
+    plan, values, track, room = shared(plan), shared(values), shared(track), shared(room)
+    strays, columns = 0, track.slides.size
+    for c in range(columns):
+        track.slides[c] = 0.0
+    for n in range(tape.shape[0]):
+        best, least, number = 0, np.inf, 0
+        _begin(track, tape[n])
+        while number < TRIED and least > _SAME:
+            for c in range(columns):
+                tried[number, c] = track.slides[c] if number + 1 < TRIED else 0.0
+            mj.assign(track.slides, tried[number])
+            _cross(plan, values, track, room, tape[n], ramps[n], slides[n], False)
+            error = _off(track.end, after[n])
+            if error < least:
+                best, least = number, error
+            number += 1
+        if best + 1 < number:
+            mj.assign(track.slides, tried[best])
+            _cross(plan, values, track, room, tape[n], ramps[n], slides[n], False)
+        strays += least > _STRAYED
+    return strays
+
+
+@jit
+def _off(found, wanted):
+    """Largest difference of states (2, nv), over the largest position or speed [1]."""
+    off = 0.0
+    for r in range(2):
+        difference, largest = 0.0, 1e-300
+        for i in range(found.shape[1]):
+            difference = max(difference, abs(found[r, i] - wanted[r, i]))
+            largest = max(largest, abs(wanted[r, i]))
+        off = max(off, difference / largest)
+    return off
+
+
+@partial(kernel, everywhere=True, nogil=True)
+def follow(plan, values, track, room, tape, ramps, slides, states):
+    """Cross all intervals of a tape along ramps (n, 2, nu), of complex numbers.
+
+    States (n + 1, 2, nv) are those at their ends, of which the first is given. Each begins where
+    that of the tape did, with the imaginary part of what was found.
     """
     plan, values, track, room = shared(plan), shared(values), shared(track), shared(room)
     for n in range(tape.shape[0]):
-        chain.copy(track.start, states[n])
-        _cross(plan, values, track, room, tape[n], ramps[n])
+        _begin(track, tape[n])
+        for r in range(2):
+            for i in range(track.start.shape[1]):
+                track.start[r, i] += 1j * states[n, r, i].imag
+        _cross(plan, values, track, room, tape[n], ramps[n], slides[n], True)
         chain.copy(states[n + 1], track.end)
 
 
 @partial(kernel, everywhere=True, nogil=True)
-def retrace(plan, values, track, room, tape, ramps, back):
+def retrace(plan, values, track, room, tape, ramps, slides, back):
     """From derivatives by the states between intervals to those by the first, and by all else.
 
     Args:
         plan, values, track, room: Of the chain.
         tape: (n, INTERVAL + 2 nv + nu), intervals, states and forces at their beginnings.
         ramps: (2, n, 2, nu), of controls, and derivatives by them.
+        slides: (n, STEPS, columns), what slid in the steps, see `find_slides`.
         back: Derivatives by the first state, found, and by values; by states (n + 1, 2, nv).
 
     Returns:
@@ -224,10 +313,8 @@ def retrace(plan, values, track, room, tape, ramps, back):
         back.q[i], back.v[i] = seeds[count, 0, i], seeds[count, 1, i]
     switches = 0
     for n in range(count - 1, -1, -1):
-        for i in range(nv):
-            track.start[0, i] = tape[n, layout.INTERVAL + i]
-            track.start[1, i] = tape[n, layout.INTERVAL + nv + i]
-        _cross(plan, values, track, room, tape[n], ramps[0, n])
+        _begin(track, tape[n])
+        _cross(plan, values, track, room, tape[n], ramps[0, n], slides[n], True)
         switches += _switched(track, track.laws, count - 1 - n)
         _uncross(plan, values, track, room, tape[n], back, ramps[1, n])
         for i in range(nv):
@@ -237,11 +324,11 @@ def retrace(plan, values, track, room, tape, ramps, back):
 
 
 @partial(kernel, everywhere=True, nogil=True)
-def linearise(plan, values, track, room, tape, ramps, ends, back):
+def linearise(plan, values, track, room, tape, ramps, slides, ends, back):
     """Derivatives of the states at the ends of stretches by those at their starts, and by ramps.
 
     Args:
-        plan, values, track, room, tape: As of `retrace`.
+        plan, values, track, room, tape, slides: As of `retrace`.
         ramps: (n, 2, nu), of controls.
         ends: (m + 1,), where stretches begin and end among the intervals.
         back: Room; (m, 2 nv, 2 nv), to be found, by the states; (n, 2 nv, 2, nu), by the ramps.
@@ -255,10 +342,8 @@ def linearise(plan, values, track, room, tape, ramps, ends, back):
             for j in range(2 * nv):
                 found[i, j] = 1.0 if i == j else 0.0
         for n in range(ends[m + 1] - 1, ends[m] - 1, -1):
-            for i in range(nv):
-                track.start[0, i] = tape[n, layout.INTERVAL + i]
-                track.start[1, i] = tape[n, layout.INTERVAL + nv + i]
-            _cross(plan, values, track, room, tape[n], ramps[n])
+            _begin(track, tape[n])
+            _cross(plan, values, track, room, tape[n], ramps[n], slides[n], True)
             for i in range(2 * nv):
                 mj.assign(back.q, found[i])
                 mj.assign(back.v, found[i, nv:])
@@ -297,7 +382,7 @@ def observe(plan, values, track, room, states, controls, seen):
         chain.find_velocity(seen[n, SPEED:], room.fields[chain.VELOCITY, body], seen[n])
         mj.assign(seen[n, LENGTHS:drives], at.length)
         for d in range(controls.shape[1]):
-            seen[n, drives + d] = chain.drive_force(plan, values, at, controls[n], d)
+            seen[n, drives + d] = at.tension[d]
 
 
 @partial(kernel, everywhere=True, nogil=True)
@@ -330,11 +415,11 @@ def observe_back(plan, values, track, room, states, controls, weights, back):
         chain.add_cross(moved, 0, 1.0, row[SPEED:], twist)
         chain.add_back(back.values.site[tip], at.frame[body], moved)
         for t in range(at.length.size):
-            room.seeds[chain.BY_LENGTHS, t] = row[LENGTHS + t]
+            room.seeds[chain.BY_LENGTHS, plan.begin[t]] = row[LENGTHS + t]
         for d in range(controls.shape[1]):
             rate = step.drive_back(plan, values, at, d, row[drives + d], controls[n], back)
             if plan.tendon[d] >= 0:
-                room.seeds[chain.BY_LENGTHS, plan.tendon[d]] += rate
+                room.seeds[chain.BY_LENGTHS, plan.begin[plan.tendon[d]]] += rate
         step.sweep(plan, values, at, back.end, 0.0, room, back)
         for i in range(back.q.size):
             by_state[n, 0, i] += back.q[i]

@@ -7,12 +7,16 @@ from numpy import ndarray
 
 from softrobot_env.robots import Base, Disc, Drive, Head, RobotParams, Section, Tendon
 from softrobot_env.robots.loads import Load
+from softrobot_env.robots.tendons import FeedLine
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
 
 #: How robots bend, and how their tendons run.
 BENDING = ("planar", "spatial", "twisting")
 ROUTES = ("straight", "converging", "guides", "helix")
+
+#: What rubs along tendons: nothing, whatever their tension, or as it grows.
+FRICTION = ("", "", "along", "", "dry")
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,8 @@ def moving(seed: int, periods: int = 10, **options: object) -> Moving:
     """A random robot; options of its `SceneConfig` in place of usual ones."""
     rng = np.random.default_rng(seed)
     bending = BENDING[seed % 3]
-    robot = _robot(rng, bending, ("tension", "length")[seed // 3 % 2], rubs=seed % 5 == 4)
+    rubs = FRICTION[seed % len(FRICTION)]
+    robot = _robot(rng, bending, ("tension", "length")[seed // 3 % 2], rubs)
     loads = ()
     if rng.random() < 0.5:
         force = rng.uniform(-0.3, 0.3, 3) * (1, bending != "planar", 1)
@@ -60,7 +65,7 @@ def moving(seed: int, periods: int = 10, **options: object) -> Moving:
     return Moving(scene, inputs, position, velocity, _parameters(robot))
 
 
-def _robot(rng: np.random.Generator, bending: str, kind: str, rubs: bool) -> RobotParams:
+def _robot(rng: np.random.Generator, bending: str, kind: str, rubs: str) -> RobotParams:
     length, radius = rng.uniform(0.15, 0.4), rng.uniform(0.006, 0.014)
     modulus = 10 ** rng.uniform(5.7, 6.6)
     section = Section(
@@ -99,7 +104,7 @@ def _tendon(
     place: tuple[str, float],
     body: tuple[float, float, int],
     route: str,
-    pull: tuple[float, bool],
+    pull: tuple[float, str],
 ) -> Tendon:
     (name, angle), (radius, length, pieces), (limit, rubs) = place, body, pull
     x, y = (0.8 * radius * f(angle) for f in (np.cos, np.sin))
@@ -111,8 +116,11 @@ def _tendon(
         options["guides"] = tuple(length * (k + 1) / pieces for k in range(pieces - 1))
     elif route == "helix":
         options["turns"] = rng.uniform(-0.5, 0.5)
-    if rubs:
+    if rubs == "dry":
         options["friction"] = 0.03 * limit
+    if rubs == "along":
+        options["friction_coefficient"] = rng.uniform(0.05, 0.3)
+        options["feed_line"] = FeedLine(rng.uniform(0.5, 3), 0.1)
     stiffness = 40 * limit / length
     return Tendon(
         name, (x, y), length, 0, limit, stiffness=stiffness, pretension=0.1 * limit, **options
@@ -129,6 +137,8 @@ def _parameters(robot: RobotParams) -> tuple[str, ...]:
         names.append("tendons.0.offset.0")
     if robot.tendons[0].friction:
         names.append("tendons.0.friction")
+    if robot.tendons[0].friction_coefficient:
+        names += ["tendons.0.friction_coefficient", "tendons.0.feed_line.bend_angle"]
     if robot.drive.kind == "length":
         names += ["tendons.0.stiffness", "tendons.0.pretension"]
     if robot.tendons[0].turns:
