@@ -24,12 +24,12 @@ from softrobot_env.gradients import Motion, Rollout, on_threads
 from softrobot_env.gradients.parameters import parameter
 from softrobot_env.gradients.tracking import follow
 from softrobot_env.robots import find_robot
-from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning
 from studies import lab
-from studies.truths.moving_robots import FRICTION, moving
+from studies.truths.moving_robots import FRICTION, Moving, moving, touching
 
 #: Random robots, and robots whose derivatives are timed.
 SCENES, TIMED = 200, ("arm", "planar_finger", "silicone_rod", "hanging_trunk", "ftdcr_v4")
@@ -43,6 +43,9 @@ PATHS = ("SoftRobot/ArmLShape-v0", "SoftRobot/ArmSwing-v0")
 #: What must hold: relative errors, adjoint against tangent, cost ratio, memory [byte], error [m].
 GOALS = {"relative_error": 1e-6, "mismatch": 1e-10, "cost_ratio": 6.0, "memory": 64e6, "path": 1e-3}
 
+#: Those of them, without friction along tendons, that touch a ball.
+TOUCHING = [k for k in range(25) if FRICTION[k % len(FRICTION)] != "along"]
+
 #: Steps as long as asked for whatever their errors.
 _ALIKE = {"accuracy": 1e4, "timestep": 2e-3}
 
@@ -50,6 +53,9 @@ _ALIKE = {"accuracy": 1e4, "timestep": 2e-3}
 _AGREES = 1e-7
 
 _STEP, _PARAMETERS, _MANY = 1e-3, 30, 256
+
+#: Steps of differences, shorter where many zones, or contacts, may change their law.
+_FINE, _FINEST = 1e-5, 1e-6
 
 #: Each scene has one of so many parts of its parameters.
 _THIRDS = 3
@@ -62,7 +68,8 @@ class SceneRow(lab.Record):
     Attributes:
         scene: Seed.
         bending, actuation: Of its scene.
-        friction: Of its tendons, see `moving_robots.FRICTION`.
+        friction: Of its tendons, see `moving_robots.FRICTION`, or the coefficient of a ball's that
+            it touches.
         kinds: Derivatives that differences are a truth for: by the start, inputs and parameters.
         kinks: Those for which they are none: a drive or friction changes its law within the
             differences.
@@ -158,8 +165,29 @@ def difference(function: Callable[[float], float], step: float) -> tuple[float, 
 
 def _scene(seed: int) -> SceneRow:
     warnings.simplefilter("ignore", TimestepWarning)
-    robot, rng = moving(seed, **_ALIKE), np.random.default_rng(seed)
-    rollout, start = Rollout(robot.scene, robot.parameters), State(robot.position, robot.velocity)
+    robot, friction = moving(seed, **_ALIKE), FRICTION[seed % len(FRICTION)]
+    return _compared(seed, robot, friction, _FINE if friction == "along" else _STEP)
+
+
+def _touching(seed: int) -> SceneRow:
+    warnings.simplefilter("ignore", TimestepWarning)
+    robot = touching(seed)
+    return _compared(seed, robot, f"touches, {robot.scene.config.contacts.friction:g}", _FINEST)
+
+
+def _exact(scene: Scene) -> Scene:
+    """With constraints that are solved to all digits, as differences of runs need it."""
+    scene.model.opt.tolerance, scene.model.opt.iterations = 1e-15, 200
+    return scene
+
+
+def _compared(seed: int, robot: Moving, friction: str, step: float) -> SceneRow:
+    """Derivatives of a motion and differences of others."""
+    rollout, start = (
+        Rollout(_exact(robot.scene), robot.parameters),
+        State(robot.position, robot.velocity),
+    )
+    rng = np.random.default_rng(seed)
     motion, config = rollout.run(robot.inputs, start), robot.scene.config
     weights = {k: rng.normal(size=x.shape) for k, x in motion.observed._asdict().items()}
 
@@ -185,12 +213,13 @@ def _scene(seed: int) -> SceneRow:
 
         def varied(e: float, one: Any = one) -> Motion:
             other = one.apply(config.robot, one.value + e * one.scale)
-            return Rollout(build_scene(replace(config, robot=other))).run(robot.inputs, start)
+            scene = _exact(build_scene(replace(config, robot=other)))
+            return Rollout(scene).run(robot.inputs, start)
 
         tangent = weighed(motion.jvp(parameters={name: one.scale}))
         ways[name] = one.scale * found.parameters[name], tangent, varied
     largest = max(abs(adjoint) for adjoint, _, _ in ways.values())
-    errors, step = [], _STEP * (1e-2 if len(rollout.plan.zones) else 1.0)  # many zones, many kinks
+    errors = []
     for adjoint, _, run in ways.values():
         truth, doubt = difference(lambda e, run=run: weighed(run(e).observed), step)
         if doubt < _AGREES * largest:
@@ -199,7 +228,7 @@ def _scene(seed: int) -> SceneRow:
         scene=seed,
         bending="twisting" if config.torsion else config.bending,
         actuation=config.actuation,
-        friction=FRICTION[seed % len(FRICTION)],
+        friction=friction,
         kinds=len(errors),
         kinks=len(ways) - len(errors),
         relative_error=max(errors, default=np.nan),
@@ -287,7 +316,13 @@ def _threads(count: int) -> ThreadRow:
     return ThreadRow(scene.config.robot.name, count, threads, *speedups, speedups[0] / speedups[1])
 
 
-_MEASURES = {"scene": _scene, "cost": _cost, "path": _path, "threads": _threads}
+_MEASURES = {
+    "scene": _scene,
+    "touching": _touching,
+    "cost": _cost,
+    "path": _path,
+    "threads": _threads,
+}
 
 
 def measure(case: tuple[str, Any]) -> Any:
@@ -305,6 +340,7 @@ def cases(quick: bool = False) -> list[tuple[str, Any]]:
         *(("cost", x) for x in (() if quick else ROUGH.items())),
         ("threads", 8 if quick else _MANY),
         *(("scene", k) for k in scenes),
+        *(("touching", k) for k in TOUCHING[: 1 if quick else None]),
         *(("path", x) for x in paths),
     ]
 

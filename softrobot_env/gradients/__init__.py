@@ -7,8 +7,9 @@ Nothing of this is loaded or compiled by environments.
 """
 
 from .beams import BeamRest
+from .motions import Derivatives, Motion, Observed, Rest
 from .parameters import Parameter
-from .rollout import Derivatives, Motion, Observed, Rest, Rollout
+from .rollout import Rollout
 from .threads import on_threads
 
 __all__ = [

@@ -28,6 +28,9 @@ FRICTION = ARMATURE
 GAIN, CONSTANT, BY_LENGTH, LEAST, MOST = range(5)
 
 
+#: MuJoCo's integrators whose steps `stepping` derives.
+STEPPED = ("implicitfast", "Euler")
+
 #: Of a force or control without a limit.
 _HUGE = 1e30
 
@@ -113,15 +116,17 @@ def refusals(scene: "build.Scene | AssembledScene") -> Iterator[str]:
     low, high = model.tendon_lengthspring.T
     has = {
         "several robots": not isinstance(scene, build.Scene),
-        "contacts, friction of the backbone, or another integrator than ours": (
-            scene.timestep.accuracy is None
+        f"the integrator {scene.timestep.integrator}": (
+            scene.timestep.accuracy is None and scene.timestep.integrator not in STEPPED
         ),
-        "ball joints": (model.jnt_type != mjtJoint.mjJNT_HINGE).any(),
+        "joints with limits": model.jnt_limited.any(),
+        "ball joints and bodies that move freely": (model.jnt_type != mjtJoint.mjJNT_HINGE).any(),
         "servos with a gain, spools that wind layers and wires that seat": not is_ideal(model),
         "tendons around surfaces": (model.wrap_type > int(mjtWrap.mjWRAP_SITE)).any(),
         "elastic tendons that go slack": (elastic & (low != high)).any(),
         "dampers that are not linear": model.dof_dampingpoly.any()
-        or model.tendon_dampingpoly.any(),
+        or model.tendon_dampingpoly.any()
+        or (scene.timestep.accuracy is None and model.tendon_damping.any()),
         "loads in moving frames": model.site_bodyid[frame].any(),
         "joints off their bodies' origins": model.jnt_pos.any(),
     }

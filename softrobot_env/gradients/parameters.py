@@ -4,13 +4,16 @@ from collections.abc import Callable, Iterable
 from dataclasses import fields, is_dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
+from mujoco import MjModel
 from numpy import ndarray
 
 from softrobot_env.robots import VARIATIONS, RobotParams
-from softrobot_env.scene.build import Scene
+from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.spec import build_chain
+from softrobot_env.scene.timestep import TimestepWarning
 
 from .model import flat, plan_of, values_of
 
@@ -117,14 +120,28 @@ def derivative(one: Parameter, numbers: Callable[[float], ndarray]) -> ndarray:
     return entries[-1]
 
 
-def _numbers(scene: Scene, one: Parameter, value: float) -> ndarray:
-    """The numbers (size,) of the chain of a robot with another value."""
-    config = scene.config
+def varied_model(scene: Scene, one: Parameter, value: float) -> MjModel:
+    """The model of a scene's robot with another value, and with the same timestep.
+
+    Raises:
+        ValueError: The robot cannot have it.
+    """
+    config, choice = scene.config, scene.timestep
     try:
-        robot = one.apply(config.robot, value)
-        model = build_chain(replace(config, robot=robot)).spec.compile()
+        config = replace(config, robot=one.apply(config.robot, value))
+        if choice.accuracy is not None:
+            return build_chain(config).spec.compile()
+        own = replace(config, integrator=choice.integrator, timestep=choice.timestep)
+        with catch_warnings():
+            simplefilter("ignore", TimestepWarning)
+            return build_scene(own).model
     except ValueError as error:
         raise ValueError(f"no derivative by {one.name!r}: at {value:g} {error}") from error
+
+
+def _numbers(scene: Scene, one: Parameter, value: float) -> ndarray:
+    """The numbers (size,) of the chain of a robot with another value."""
+    model = varied_model(scene, one, value)
     numbers, own, other = flat(values_of(model)), plan_of(scene.model), plan_of(model)
     alike = ((x.parents, x.parts, x.rubs, x.zones, x.bends) for x in (own, other))
     if not all(map(np.array_equal, *alike)) or not np.allclose(own.axis, other.axis):

@@ -17,7 +17,8 @@ from numpy.linalg import norm, solve
 
 from softrobot_env.core.motion import IntegrationError
 
-from .rollout import Motion, Rollout
+from .motions import Motion
+from .rollout import Rollout
 
 #: Damping [1] at first, factors on it after steps that failed and that did not, and the largest.
 _DAMPING, _HARDER, _EASIER, _STIFFEST = 1e-2, 8.0, 0.1, 1e4

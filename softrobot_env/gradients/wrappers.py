@@ -7,7 +7,8 @@ import numpy as np
 
 from softrobot_env.core.motion import State
 
-from .rollout import Motion, Observed, Rollout
+from .motions import Motion, Observed
+from .rollout import Rollout
 
 
 def torch_function(rollout: Rollout) -> Callable[..., Observed]:

@@ -225,7 +225,7 @@ ARM = find_robot("planar_finger")
 ROD = find_robot("silicone_rod")
 
 REFUSED = [
-    (lambda: Rollout(build_scene(SceneConfig(ARM, integrator="implicitfast"))), "integrator"),
+    (lambda: Rollout(build_scene(SceneConfig(ARM, integrator="implicit"))), "integrator implicit"),
     (
         lambda: Rollout(build_scene(scene_of(replace(ROD, drive=Drive("length", gain=1e4))))),
         "servos with a gain",

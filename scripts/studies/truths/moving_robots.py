@@ -3,17 +3,23 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from mujoco import MjData, mj_kinematics
 from numpy import ndarray
 
 from softrobot_env.robots import Base, Disc, Drive, Head, RobotParams, Section, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.tendons import FeedLine
 from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.objects import Contacts, Sphere
 
 #: How robots bend, and how their tendons run.
 BENDING = ("planar", "spatial", "twisting")
 ROUTES = ("straight", "converging", "guides", "helix")
+
+#: Control periods of robots that touch something.
+PRESSED = 4
 
 #: What rubs along tendons: nothing, whatever their tension, or as it grows.
 FRICTION = ("", "", "along", "", "dry")
@@ -63,6 +69,25 @@ def moving(seed: int, periods: int = 10, **options: object) -> Moving:
     nv = scene.model.nv
     position, velocity = 0.02 * rng.normal(size=nv), 0.3 * rng.normal(size=nv)
     return Moving(scene, inputs, position, velocity, _parameters(robot))
+
+
+def touching(seed: int) -> Moving:
+    """A random robot that begins with its end against a ball, on which friction acts."""
+    rng, free = np.random.default_rng(seed), moving(seed, PRESSED)
+    scene, robot = free.scene, free.scene.config.robot
+    data = MjData(scene.model)
+    mj_kinematics(scene.model, data)
+    tip = data.site(TIP_SITE)
+    radius = 2 * robot.backbone.sections[0].outer_radius[1]
+    angle = 0.0 if scene.config.bending == "planar" else rng.uniform(0, 2 * np.pi)
+    away = tip.xmat.reshape(3, 3) @ [np.cos(angle), np.sin(angle), 0.0]
+    place = tip.xpos + 1.49 * radius * away
+    ball = Sphere(name="ball", position=tuple(place.tolist()), radius=radius)
+    contacts = Contacts(stiffness=2e3, friction=float(rng.choice([0.0, 0.1, 0.5])))
+    own = {"pieces": robot.backbone.sections[0].pieces, "timestep": 1e-4}
+    config = replace(scene.config, contacts=contacts, objects=(ball,), **own)
+    still = np.zeros_like(free.position)
+    return replace(free, scene=build_scene(config), position=still, velocity=0.1 * free.velocity)
 
 
 def _robot(rng: np.random.Generator, bending: str, kind: str, rubs: str) -> RobotParams:
