@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
+from mujoco import MjModel
 from numpy import ndarray
 
 from softrobot_env.core.motion import IntegrationError, State
@@ -70,7 +71,8 @@ class Rollout:
         )
         wanted = [parameter(robot, x) if isinstance(x, str) else x for x in parameters]
         self.parameters = tuple(one.name for one in wanted)
-        self.by_parameters, self._wanted = sensitivities(scene, wanted), wanted
+        self.by_parameters = sensitivities(scene, wanted)
+        self._varied = [_around(scene, one) for one in wanted] if self._stepped else []
         self._simulation = Simulation(scene)
         self._inputs: Inputs | None = None
         self._servos: Servos | None = None
@@ -209,12 +211,7 @@ class Rollout:
     @cached_property
     def stepper(self) -> Stepper:
         """What derives such motions."""
-        varied = []
-        for one in self._wanted:
-            step = _SHARE * one.scale
-            pair = (varied_model(self.scene, one, one.value + s * step) for s in (1, -1))
-            varied.append((*pair, 2 * step))
-        return Stepper(self.scene.model, self.scene.timestep.substeps, varied)
+        return Stepper(self.scene.model, self.scene.timestep.substeps, self._varied)
 
     @property
     def n_inputs(self) -> int:
@@ -249,6 +246,13 @@ class Rollout:
             if self._simulation.data.ncon:
                 raise ValueError("no derivatives are known of an equilibrium in which it touches")
         return Rest(self, posture, own)
+
+
+def _around(scene: Scene, one: Parameter) -> tuple[MjModel, MjModel, float]:
+    """Models with a larger and a smaller value of a parameter, and how far these are apart."""
+    step = _SHARE * one.scale
+    more, less = (varied_model(scene, one, one.value + s * step) for s in (1, -1))
+    return more, less, 2 * step
 
 
 def _track(plan: Plan, kind: type) -> tuple[tapes.Track, Room]:

@@ -1,5 +1,6 @@
 """Derivatives of motions by MuJoCo's integrators, against differences of the same runs."""
 
+import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -138,3 +139,12 @@ def test_what_is_not_derived_is_said():
     config = SceneConfig(FINGER, contacts=contacts, objects=(ground,), **COARSE)
     with pytest.raises(ValueError, match="in which it touches"):
         Rollout(build_scene(config)).rest(np.zeros(4))
+
+
+def test_a_copy_has_the_same_derivatives():
+    scene = build_scene(SceneConfig(FINGER, integrator="implicitfast", timestep=1e-3))
+    rollout, inputs = Rollout(scene, PARAMETERS[:1]), pulled(scene, 2)
+    wanted = rollout.run(inputs).vjp(tip=np.ones((3, 3)))
+    again = pickle.loads(pickle.dumps(rollout)).run(inputs).vjp(tip=np.ones((3, 3)))
+    np.testing.assert_array_equal(again.inputs, wanted.inputs)
+    assert again.parameters == wanted.parameters
