@@ -169,35 +169,48 @@ class Stepper:
         """
         model, data, other = self._model, self._data, self._other
         state, here, columns = state_of(data), _balance(model, data, held), []
-        for moved in (other.qpos, other.qvel):
-            _set(other, state, data.ctrl)
-            mujoco.mj_fwdPosition(model, other)
-            for i in range(model.nv):
-                sides, own = [], moved[i]
-                for way in (_STEP, -_STEP):
-                    moved[i] = own + way
-                    sides.append(_looked(model, other, held, moved is other.qpos))
-                moved[i] = own
-                columns.append(_slope(here, sides, 2 * _STEP))
+        for i in range(model.nv):
+            sides = []
+            for way in (_STEP, -_STEP):
+                _set(other, state, data.ctrl)
+                other.qpos[i] += way
+                sides.append(_looked(model, other, held))
+            columns.append(_slope(here, sides, 2 * _STEP))
+        columns += self._by_velocities(state)
         for both, apart in self._varied:
             sides = []
             for varied, own in both:
                 _set(own, state, data.ctrl)
-                sides.append(_looked(varied, own, held, True))
+                sides.append(_looked(varied, own, held))
             columns.append(_slope(here, sides, apart))
         forces, drives, damped, scale = (np.array(x).T for x in zip(*columns, strict=True))
         if scale.size:
             forces = forces - _jacobian(model, data).T @ (held.force[:, None] * scale)
         return forces, drives, damped
 
+    def _by_velocities(self, state: ndarray) -> list[tuple[ndarray, ...]]:
+        """Columns of derivatives by velocities, of which forces are polynomials of second order."""
+        model, data, other = self._model, self._data, self._other
+        _set(other, state, data.ctrl)
+        mujoco.mj_fwdPosition(model, other)
+        forces, side, none = np.diag(model.dof_damping), np.empty(model.nv), np.zeros(model.nv)
+        for i in range(model.nv):
+            for way in (0.5, -0.5):
+                other.qvel[i] = state[1, i] + way
+                mujoco.mj_comVel(model, other)
+                mujoco.mj_rne(model, other, 0, side)
+                forces[i] += 2 * way * side
+            other.qvel[i] = state[1, i]
+        drives = data.efc_KBIP[:, 1, None] * _jacobian(model, data)
+        rows = zip(forces, drives.T, strict=True)
+        return [(force, drive, none, np.zeros(data.nefc)) for force, drive in rows]
 
-def _looked(model: MjModel, data: MjData, held: Held, moved: bool) -> Balance:
-    """The balance in a state that was set, of which positions were looked at unless moved."""
-    if moved:
-        mujoco.mj_fwdPosition(model, data)
+
+def _looked(model: MjModel, data: MjData, held: Held) -> Balance:
+    """The balance in a state that was set."""
+    mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)
-    if moved:
-        mujoco.mj_fwdActuation(model, data)
+    mujoco.mj_fwdActuation(model, data)
     return _balance(model, data, held)
 
 
