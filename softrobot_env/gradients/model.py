@@ -125,8 +125,10 @@ def refusals(scene: "build.Scene | AssembledScene") -> Iterator[str]:
         "tendons around surfaces": (model.wrap_type > int(mjtWrap.mjWRAP_SITE)).any(),
         "elastic tendons that go slack": (elastic & (low != high)).any(),
         "dampers that are not linear": model.dof_dampingpoly.any()
-        or model.tendon_dampingpoly.any()
-        or (scene.timestep.accuracy is None and model.tendon_damping.any()),
+        or model.tendon_dampingpoly.any(),
+        "tendons with damping in steps of MuJoCo's integrators": (
+            scene.timestep.accuracy is None and model.tendon_damping.any()
+        ),
         "loads in moving frames": model.site_bodyid[frame].any(),
         "joints off their bodies' origins": model.jnt_pos.any(),
     }

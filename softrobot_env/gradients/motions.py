@@ -106,28 +106,6 @@ class Looked:
         tapes.observe_back(*chain, seen, (back, *found))
         return found
 
-    def tip_by_states(self, name: str = "tip") -> ndarray:
-        """Derivatives (periods + 1, 3, 2 nv) of the tip by the states of `linearised`.
-
-        Or of its velocity, `tip_velocity`.
-        """
-        rows = []
-        for axis in range(3):
-            weights = np.zeros_like(self.observed.tip)
-            weights[:, axis] = 1.0
-            by_state, _ = self._by_seen({name: weights}, self._rollout.zero())
-            rows.append(by_state.reshape(len(by_state), -1))
-        return np.stack(rows, axis=1)
-
-    def _named(self, by_parameters: ndarray, start: ndarray | None) -> dict[str, float]:
-        """Derivatives by name, with those by a start at rest, of those (nv,) by where that is."""
-        own = self._rollout
-        named = dict(zip(own.parameters, by_parameters.tolist(), strict=True))
-        if start is not None and named:
-            at_rest = own.rest().vjp(position=start[None])[1]
-            named = {name: value + at_rest[name] for name, value in named.items()}
-        return named
-
     def _along(self, states: ndarray, controls: ndarray, way: ndarray) -> Observed:
         """Changes of what is observed by those of states and controls, and along parameters."""
         own, (track, room) = self._rollout, self._rollout.complex_track
@@ -145,11 +123,6 @@ class Looked:
     @property
     def _nv(self) -> int:
         return self._states.shape[-1]
-
-    def _by_given(self, applied: ndarray) -> ndarray:
-        """Derivatives (periods, ..., n_inputs) by what was given, of those by what was applied."""
-        maps = [self._rollout.by_action(action) for action in self.inputs]
-        return np.stack([x if m is None else x @ m for x, m in zip(applied, maps, strict=True)])
 
 
 class Rest(Looked):
@@ -186,13 +159,50 @@ class Rest(Looked):
         return by_control[0] + forces.controls, named
 
 
-class Motion(Looked):
+class Moved(Looked):
     """A simulated motion, to be looked at and derived.
 
     Attributes:
         inputs: (periods, n_inputs), that were given.
         observed: What is observed of it.
     """
+
+    def __init__(
+        self, rollout: "Rollout", inputs: ndarray, seen: tuple[ndarray, ndarray], resting: bool
+    ) -> None:
+        super().__init__(rollout, *seen)
+        self.inputs, self._resting = inputs, resting
+
+    def tip_by_states(self, name: str = "tip") -> ndarray:
+        """Derivatives (periods + 1, 3, 2 nv) of the tip by the states of `linearised`.
+
+        Or of its velocity, `tip_velocity`.
+        """
+        rows = []
+        for axis in range(3):
+            weights = np.zeros_like(self.observed.tip)
+            weights[:, axis] = 1.0
+            by_state, _ = self._by_seen({name: weights}, self._rollout.zero())
+            rows.append(by_state.reshape(len(by_state), -1))
+        return np.stack(rows, axis=1)
+
+    def _named(self, by_parameters: ndarray, start: ndarray) -> dict[str, float]:
+        """Derivatives by name; by a start at rest, too, of those (nv,) by where that is."""
+        own = self._rollout
+        named = dict(zip(own.parameters, by_parameters.tolist(), strict=True))
+        if self._resting and named:
+            at_rest = own.rest().vjp(position=start[None])[1]
+            named = {name: value + at_rest[name] for name, value in named.items()}
+        return named
+
+    def _by_given(self, applied: ndarray) -> ndarray:
+        """Derivatives (periods, ..., n_inputs) by what was given, of those by what was applied."""
+        maps = [self._rollout.by_action(action) for action in self.inputs]
+        return np.stack([x if m is None else x @ m for x, m in zip(applied, maps, strict=True)])
+
+
+class Motion(Moved):
+    """A motion by the integrator of this package."""
 
     def __init__(
         self,
@@ -204,11 +214,9 @@ class Motion(Looked):
         turns: list[Turns],
         resting: bool,
     ) -> None:
-        states, controls = seen
-        super().__init__(rollout, states, controls)
-        self.inputs, self._resting, self._ends = inputs, resting, ends
-        nv = states.shape[-1]
-        width = layout.INTERVAL + 2 * nv + controls.shape[1]
+        super().__init__(rollout, inputs, seen, resting)
+        self._ends = ends
+        width = layout.INTERVAL + 2 * self._nv + self._controls.shape[1]
         self._tape = np.ascontiguousarray(tape[:, :width])
         self._ramps = np.ascontiguousarray(tape[:, width:]).reshape(len(tape), 2, -1)
         choice = rollout.scene.timestep
@@ -236,7 +244,7 @@ class Motion(Looked):
         switches = tapes.retrace(*chain, ramps, slides, (back, seeds))
         inputs = self._by_inputs(ramps[1], by_control)
         by_parameters = own.by_parameters @ flat(back.values)
-        named = self._named(by_parameters, back.q if self._resting else None)
+        named = self._named(by_parameters, back.q)
         return Derivatives(back.q, back.v, inputs, named, switches, strays)
 
     def linearised(self) -> tuple[ndarray, ndarray]:

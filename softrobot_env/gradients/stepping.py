@@ -25,7 +25,7 @@ from scipy.linalg import cho_factor, cho_solve
 from softrobot_env.core.motion import State
 
 from .model import flat
-from .motions import Derivatives, Looked, Observed
+from .motions import Derivatives, Moved, Observed
 
 if TYPE_CHECKING:
     from .rollout import Rollout
@@ -291,13 +291,8 @@ def _set(data: MjData, state: ndarray, control: ndarray) -> None:
     data.ctrl[:] = control
 
 
-class SteppedMotion(Looked):
-    """As `Motion`, by MuJoCo's integrators.
-
-    Attributes:
-        inputs: (periods, n_inputs), that were given.
-        observed: What is observed of it.
-    """
+class SteppedMotion(Moved):
+    """A motion by one of MuJoCo's integrators."""
 
     def __init__(
         self,
@@ -307,9 +302,8 @@ class SteppedMotion(Looked):
         seen: tuple[ndarray, ndarray],
         resting: bool,
     ) -> None:
-        states, controls = seen
-        super().__init__(rollout, states, controls)
-        self.inputs, self._starts, self._resting = inputs, starts, resting
+        super().__init__(rollout, inputs, seen, resting)
+        self._starts = starts
 
     @cached_property
     def _periods(self) -> Periods:
@@ -330,7 +324,7 @@ class SteppedMotion(Looked):
         if not own.is_placed:
             applied[0] += by_control[0]
         position, velocity = wanted.reshape(2, -1)
-        parameters = self._named(named, position if self._resting else None)
+        parameters = self._named(named, position)
         inputs = self._by_given(applied)
         return Derivatives(position, velocity, inputs, parameters, periods.switches)
 
